@@ -8,7 +8,9 @@ from pydantic import BaseModel
 
 from cell.errors import CellError
 from daemon.config import CellConfig
-from daemon.tools import CellTool, tools_of, usual_tool
+from daemon.config.recipes import Recipe
+from daemon.job_config import make_procedure
+from daemon.tools import ARGUMENT, CellTool, tools_of, usual_tool
 from daemon.values import configured_values
 from procedures.documents import kind_named
 from procedures.kind import load
@@ -23,6 +25,7 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
 
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix. Each of
     ``limits`` has a figure (``name``, ``value``, SI) and the ``limit`` that ``job`` will hold it against.
+    A ``recipe`` with arguments has an entry where another figure or text comes out than for its job.
     """
     found = []
     for job, section in _sections(config).items():
@@ -30,21 +33,45 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
         for tool in [usual] if usual is not None else tools_of(config).values():
             if made := _prediction(setup_of(config, tool), job, section):
                 found.append(made | ({} if usual is not None else {"tool": tool.name}))
+    for name, recipe in config.recipe.items():
+        if recipe.parameters and (made := _of_recipe(config, recipe)) and made not in map(_plain, found):
+            found.append(made | {"recipe": name})
     return found
 
 
-def prediction_of(config: CellConfig, job: str, tool: str | None = None) -> dict[str, Any] | None:
-    """What :func:`predictions` tells of one job with its own limits alone; None where nothing can be told.
+def _of_recipe(config: CellConfig, recipe: Recipe) -> dict[str, Any] | None:
+    """None for a recipe without a section of its job, or whose start has to name the tool."""
+    sections = _sections(config, recipe)
+    tool = _tool_of(config, recipe.job, recipe, None)
+    if tool is None or recipe.job not in config.job:
+        return None
+    return _prediction(setup_of(config, tool, sections), recipe.job, sections[recipe.job])
+
+
+def _plain(prediction: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in prediction.items() if key != "tool"}
+
+
+def _tool_of(config: CellConfig, job: str, recipe: Recipe | None, tool: str | None) -> CellTool | None:
+    """The tool of a start of the job, or by the recipe, that names ``tool``."""
+    name = tool or (recipe.parameters.get(ARGUMENT) if recipe is not None else None)
+    return usual_tool(config, job) if name is None else tools_of(config)[name]
+
+
+def prediction_of(config: CellConfig, name: str, tool: str | None = None) -> dict[str, Any] | None:
+    """What :func:`predictions` tells of one job or recipe, with the limits of this job alone; None where
+    nothing can be told.
 
     ``tool`` is on the flange, by its name; None: the one of a start that names none.
 
     A job that is expected of nothing by itself goes by the section of another one, as a check of a tool by
     that of its reference.
     """
-    found = usual_tool(config, job) if tool is None else tools_of(config)[tool]
-    setup, sections = setup_of(config, found), _sections(config)
-    for name in (job, *(other.name for other in JOBS[job].inherits)):
-        if name in sections and (made := _prediction(setup, name, sections[name])):
+    recipe = config.recipe.get(name)
+    job, sections = name if recipe is None else recipe.job, _sections(config, recipe)
+    setup = setup_of(config, _tool_of(config, job, recipe, tool), sections)
+    for by in (job, *(other.name for other in JOBS[job].inherits)):
+        if by in sections and (made := _prediction(setup, by, sections[by])):
             return made | {"limits": [one for one in made.get("limits", ()) if one["job"] == job]}
     return None
 
@@ -64,30 +91,40 @@ def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:
 
 
 def named(prediction: Mapping[str, Any]) -> str:
-    """Its job, and the tool that it is for where there is one such for each."""
-    job, tool = str(prediction["job"]), prediction.get("tool")
+    """Its job, and the recipe or the tool that it is for where that makes a difference."""
+    job = str(prediction["job"])
+    if "recipe" in prediction:
+        return f"recipe {prediction['recipe']}, {job}"
+    tool = prediction.get("tool")
     return job if tool is None else f"{job} of tool '{tool}'"
 
 
-def setup_of(config: CellConfig, tool: CellTool | None = None) -> Setup:
-    """The cell as a job's expectation sees it, with ``tool`` on the flange."""
+def setup_of(
+    config: CellConfig, tool: CellTool | None = None, sections: Mapping[str, BaseModel] | None = None
+) -> Setup:
+    """The cell as a job's expectation sees it, with ``tool`` on the flange and the jobs' ``sections``, those
+    of ``config`` where none are given."""
     return Setup(
         config.robot.roles(),
         config.device,
         configured_values(config, tool),
         {key: getattr(config.robot, key) for key in NOMINAL},
-        list(_sections(config).values()),
+        list((_sections(config) if sections is None else sections).values()),
         lambda: ledger_rows(config),
     )
 
 
-def _sections(config: CellConfig) -> dict[str, BaseModel]:
-    """The configured jobs with their sections, in the order of the jobs."""
-    return {
+def _sections(config: CellConfig, recipe: Recipe | None = None) -> dict[str, BaseModel]:
+    """The configured jobs with their sections, in the order of the jobs; that of a ``recipe`` with its
+    arguments."""
+    found = {
         name: job.Config.model_validate(section)
         for name, job in JOBS.items()
         if (section := config.job_section(name))
     }
+    if recipe is not None and recipe.job in found:
+        found[recipe.job] = make_procedure(JOBS[recipe.job], config, {}, recipe.parameters).config
+    return found
 
 
 def ledger_rows(config: CellConfig) -> list[dict[str, Any]]:

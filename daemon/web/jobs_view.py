@@ -12,7 +12,7 @@ from daemon.engine import Engine
 from daemon.job_config import make_procedure
 from daemon.predictions import prediction_of
 from daemon.startable import Startable, startables
-from daemon.tools import asked_tool, tool_names
+from daemon.tools import ARGUMENT, asked_tool, tool_names
 from daemon.web.answers import Visitors, json_answer
 
 LOOKED_BACK = 500  # runs
@@ -72,15 +72,19 @@ class JobsView:
         return set(procedure.uses()) <= config.robot.roles().keys()
 
     async def expected(self, request: web.Request) -> web.Response:
-        """``expected``: what ``cellward check`` tells of a job with the ``tool`` of the query, null for
-        nothing; ``BUSY`` during a run."""
+        """``expected``: what ``cellward check`` tells of a job or recipe with the ``tool`` of the query, null
+        for nothing; ``BUSY`` during a run."""
         self._visitors.require_look(request)
-        engine, job = self._engine, request.match_info["job"]
+        engine, name = self._engine, request.match_info["job"]
+        config, asked = engine.context.config, request.query.get("tool")
+        recipe = config.recipe.get(name)
+        job = name if recipe is None else recipe.job
         if job not in engine.jobs:
             raise error("NOT_FOUND", f"job '{job[:50]}'")
-        config, asked = engine.context.config, request.query.get("tool")
+        if asked is None and recipe is not None:
+            asked = recipe.parameters.get(ARGUMENT)
         tool = asked_tool(config, job, asked, needed=len(tool_names(config)) > 1)
-        key = job, None if tool is None else tool.name
+        key = name, None if tool is None else tool.name
         async with self._predicting:
             now = engine.context.clock.now()
             made, answer = self._expected.get(key, (-EXPECTED_FOR_S, None))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from daemon.config import CellConfig, load_config
-from daemon.predictions import prediction_of, predictions
+from daemon.predictions import named, prediction_of, predictions
 from procedures.laser.plan import plan_scan
 from tests.kit.object_cell import PLANNERS, write_config
 
@@ -37,3 +37,23 @@ def test_a_job_is_told_with_its_own_limits_and_what_check_tells_of_it(subject: C
 
 def test_of_a_job_that_is_not_configured_nothing_is_told(subject: CellConfig) -> None:
     assert prediction_of(subject, "tracker-sampling") is None
+
+
+def test_a_recipe_is_told_where_its_arguments_make_a_difference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
+    write_config(tmp_path, "laser:ideal", jobs={"laser-reference": {"max_descents": 2, "passes": 2}})
+    path = tmp_path / "cell.toml"
+    with path.open("a") as file:
+        file.write('\n[recipe.often]\njob = "laser-reference"\npasses = 20\n')
+        file.write('\n[recipe.same]\njob = "laser-reference"\npasses = 2\n')
+    config = load_config(path)
+    job, recipe = predictions(config)
+    assert (job["job"], recipe["job"], recipe["recipe"]) == ("laser-reference", "laser-reference", "often")
+    assert recipe["U_xy_m"] < 0.6 * job["U_xy_m"]
+    assert named(recipe) == "recipe often, laser-reference"
+    for name, told in (("laser-reference", job), ("often", recipe), ("same", job)):
+        found = prediction_of(config, name)
+        assert found is not None
+        assert found["text"] == told["text"]

@@ -103,7 +103,7 @@ function Prepare({ job, asked, state }) {
       <${Last} job=${job} />
       ${job.obstacle && html`<${Obstacle} obstacle=${job.obstacle} />`}
       <${ToolChoice} tools=${job.tools} tool=${tool} choose=${choose} />
-      ${!busy && !unknown && !job.recipe && html`<${Expected} key=${tool} job=${job.name} tool=${tool} />`}
+      ${!busy && !unknown && html`<${Expected} key=${tool} job=${job.name} tool=${tool} />`}
       <h2>${t("start.step_plan")}</h2>
       <p>${t("start.plan_about")}</p>
       <div class="actions"><${Action} run=${makePlan} disabled=${busy || unknown || !may("operator")}>${t("start.plan")}</${Action}></div>
