@@ -4,7 +4,7 @@ All quantities are SI; poses are ``RigidTransform`` ``T_a_b`` unless a name ends
 """
 
 from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from cell.arm_model import ArmModel
+from cell.joint_limits import leading_speed
 from cell.poses import Array, from_pose6
 from cell.samples import Readings, Sample, Stream
 
@@ -126,12 +127,20 @@ def flange_poses(states: Sequence[ArmState]) -> RigidTransform:
 
 @dataclass(frozen=True)
 class Speed:
-    """Limits of one move."""
+    """Limits of one move. A driver moves the joint that turns farthest at ``joint_rad_s``."""
 
     tcp_m_s: float
     tcp_m_s2: float
     joint_rad_s: float
     joint_rad_s2: float
+    each_joint_rad_s: tuple[float, ...] = ()  # where joints have limits of their own; see ``between``
+
+    def between(self, q0: Array, q1: Array) -> "Speed":
+        """For the joint move from ``q0`` to ``q1`` (6,) rad: so slow that each joint keeps to its limit."""
+        if not self.each_joint_rad_s:
+            return self
+        leading = float(leading_speed(q1 - q0, np.array(self.each_joint_rad_s)))
+        return replace(self, joint_rad_s=min(self.joint_rad_s, leading))
 
 
 @dataclass(frozen=True)

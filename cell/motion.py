@@ -215,7 +215,7 @@ class MotionLease:
         await self._still_at(start.q)
         self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
         with self._where_left.moving():
-            await self._live_port().move_joints(target, speed)
+            await self._live_port().move_joints(target, speed.between(start.q, target))
 
     async def _move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         start = await self._movable_state()

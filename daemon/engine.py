@@ -35,8 +35,8 @@ from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
 from daemon.tools import ARGUMENT, CellTool, asked_tool, told_tool
-from daemon.values import recorded, resolve_values, tell_configured, with_arm_model
-from procedures.arm_setup import arm_models, with_job_limits
+from daemon.values import recorded, resolve_values, tell_configured, with_arm_model, with_limits
+from procedures.arm_setup import arm_models
 
 log = logging.getLogger("cellward.engine")
 
@@ -145,7 +145,7 @@ class Engine:
         """The values that the job works with now; refused where they cannot be used."""
         config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
         values = await asyncio.to_thread(resolve_values, config, self.ledger, supervisor, roles, tool)
-        values = with_job_limits(values, getattr(procedure.config, "limits", None))
+        values = with_limits(values, procedure, config, supervisor)
         values = with_arm_model(values, procedure, config, supervisor)
         procedure.check(values)
         return values

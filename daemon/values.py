@@ -14,8 +14,10 @@ from cell.procedure import Procedure
 from cell.run_values import CONTROLLER, RunValues
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
+from daemon.controller_limits import limits_in_use, require_within, told_by
 from daemon.supervisor import Supervisor
 from daemon.tools import CellTool, tools_of, usual_tool
+from procedures.arm_setup import with_job_limits
 from procedures.kinematics_in_use import choose_model
 
 STAMPED_ROLES = ("beams", "flange_camera", "fixed_camera", "belt")  # whose time offset a job can measure
@@ -69,6 +71,7 @@ def resolve_values(
     return replace(
         values,
         robot=robot_spec(config, supervisor),
+        limits=limits_in_use(config, told_by(config, supervisor)),
         tool=values.tool if tool is None else _tool_in_effect(tool, effect),
         calibration=dict(
             _hand_eye(config, effect, *known) for role, known in CALIBRATIONS.items() if role in roles
@@ -149,6 +152,17 @@ def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, flo
         low, high = effect.uncertainty.get(name, {}).get("interval95_s", (0.0, 0.0))
         offset["sigma"] = 0.5 * (high - low) / _SIGMAS95
     return offset
+
+
+def with_limits(
+    values: RunValues, procedure: Procedure, config: CellConfig, supervisor: Supervisor
+) -> RunValues:
+    """``values`` with the limits that the job brings; ``LIMITS_BEYOND_CONTROLLER`` for a job that moves the
+    arm where they allow more than the arm's controller does."""
+    values = with_job_limits(values, getattr(procedure.config, "limits", None))
+    if "arm" in procedure.uses():
+        require_within(values.limits, told_by(config, supervisor))
+    return values
 
 
 def with_arm_model(

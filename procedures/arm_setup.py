@@ -5,11 +5,14 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from calibration.kinematics import measured_arm, robot_from_spec
 from cell.arm_model import ArmModel
 from cell.devices import Speed, ToolSettings
 from cell.errors import error
 from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.joint_limits import limit_words, per_joint
 from cell.modelled_arm import ArmModels
 from cell.poses import from_pose6
 from cell.run_values import RunValues
@@ -20,14 +23,24 @@ def arm_model(values: RunValues) -> ArmModel:
     """The arm as this run takes it to be: what turns its joints into poses and wanted poses into joints."""
     measured = in_use(values)
     if measured is None:
-        return robot_from_spec(values.robot)
-    return _measured(json.dumps(values.robot), json.dumps(measured))
+        return believed_arm(values)
+    return _measured(*(json.dumps(part) for part in (values.robot, measured, _joint_ranges(values))))
 
 
 @lru_cache(maxsize=2)
-def _measured(believed: str, measured: str) -> ArmModel:
+def _measured(believed: str, measured: str, joint_ranges: str) -> ArmModel:
     """Kept: jobs ask again and again, on the loop."""
-    return measured_arm(json.loads(believed), json.loads(measured))
+    return measured_arm(json.loads(believed), json.loads(measured), json.loads(joint_ranges))
+
+
+def believed_arm(values: RunValues) -> ArmModel:
+    """The arm as its controller believes it to be, within the joint ranges of ``[limits]``."""
+    return robot_from_spec(values.robot, _joint_ranges(values))
+
+
+def _joint_ranges(values: RunValues) -> Any:
+    """None in what was recorded before there was such a limit."""
+    return values.limits.get("joint_ranges_rad")
 
 
 def arm_robot(values: RunValues) -> dict[str, Any]:
@@ -39,7 +52,7 @@ def arm_models(values: RunValues) -> ArmModels | None:
     """What the arm is and what its controller believes; None where the run believes the controller."""
     if in_use(values) is None:
         return None
-    return ArmModels(arm_model(values), robot_from_spec(values.robot))
+    return ArmModels(arm_model(values), believed_arm(values))
 
 
 def lease_settings(values: RunValues) -> tuple[MotionGuard, ToolSettings, Speed]:
@@ -48,8 +61,13 @@ def lease_settings(values: RunValues) -> tuple[MotionGuard, ToolSettings, Speed]
     guard = MotionGuard(arm_model(values), GuardLimits.from_mapping(limits), Tool.from_mapping(tool))
     x, y, z = values.centre_of_mass_m
     settings = ToolSettings(from_pose6(tool["T_flange_tool"]), values.payload_kg, (x, y, z))
+    joints = per_joint(limits["joint_speed_rad_s"])
     speed = Speed(
-        limits["speed_m_s"], limits["accel_m_s2"], limits["joint_speed_rad_s"], limits["joint_accel_rad_s2"]
+        limits["speed_m_s"],
+        limits["accel_m_s2"],
+        float(joints.max()),
+        limits["joint_accel_rad_s2"],
+        tuple(joints.tolist()),
     )
     return guard, settings, speed
 
@@ -63,11 +81,11 @@ def with_job_limits(values: RunValues, wanted: Any) -> RunValues:
     for key, value in wanted.model_dump().items():
         if key not in limits:
             continue
-        if value > limits[key] and not limits["allow_job_override"]:
+        if np.any(np.greater(value, limits[key])) and not limits["allow_job_override"]:
             raise error(
                 "ARGUMENT_INVALID",
-                f"limits.{key} {value:g} is above {limits[key]:g} of [limits]; lower it, or set "
-                "allow_job_override there",
+                f"limits.{key} {limit_words(value)} is above {limit_words(limits[key])} of [limits]; lower "
+                "it, or set allow_job_override there",
             )
         limits[key] = value
     return replace(values, limits=limits)

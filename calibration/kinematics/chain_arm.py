@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from typing import Self
 
 import numpy as np
@@ -10,6 +11,8 @@ from scipy.spatial.transform import RigidTransform
 from calibration.kinematics.chain import DhChain, pose_gap
 from calibration.kinematics.inverse import converge, nearest_turns, polish
 from cell.arm_model import Capsule, LinkShape
+from cell.errors import error
+from cell.joint_limits import JOINTS
 from cell.poses import Array
 
 _ALMOST_M, _ALMOST_RAD = 0.05, 0.3  # joints whose pose is this close may be continued to the goal
@@ -56,6 +59,21 @@ class ChainArm(ABC):
     @property
     def reach_after(self) -> Array:
         return self._reach.copy()
+
+    def narrowed(self, ranges: Array) -> Self:
+        """This arm with its joints within ``ranges`` (6, 2) rad, too; ``DATA_INVALID`` without any room."""
+        low = np.maximum(self._limits[:, 0], ranges[:, 0])
+        high = np.minimum(self._limits[:, 1], ranges[:, 1])
+        for k in np.flatnonzero(low >= high):
+            raise error(
+                "DATA_INVALID",
+                f"joint '{JOINTS[k]}' from {ranges[k, 0]:g} to {ranges[k, 1]:g} rad has nothing in common "
+                f"with the range of a {self._name}, {self._limits[k, 0]:.4g} to {self._limits[k, 1]:.4g} "
+                "rad; correct limits.joint_ranges_rad",
+            )
+        arm = copy(self)
+        arm._limits = np.column_stack([low, high])  # noqa: SLF001 -- of its own class
+        return arm
 
     @abstractmethod
     def measured(self, chain: DhChain) -> Self:

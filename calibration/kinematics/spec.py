@@ -1,6 +1,6 @@
 """From the ROBOT of a data set or config to an arm model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,20 @@ _KEYS = {"model", "calibration", "tool", "prior", "notes"}
 _SAME_ARM_M = 0.05  # of the flange; arms differ from their drawing by millimetres
 
 
-def robot_from_spec(spec: Mapping[str, Any]) -> ArmModel:
+JointRanges = Sequence[Sequence[float]]
+
+
+def robot_from_spec(spec: Mapping[str, Any], joint_ranges: JointRanges | None = None) -> ArmModel:
     """The arm that ``{"model": "ur10e", "calibration": {...}}`` names, or one of family ``serial6``.
 
-    ``DATA_INVALID`` for anything else.
+    ``joint_ranges`` (6, 2) rad: where the joints stay, within what the arm can. ``DATA_INVALID`` for anything
+    else.
     """
-    return _chain_arm(spec)
+    return _within(_chain_arm(spec), joint_ranges)
+
+
+def _within(arm: ChainArm, joint_ranges: JointRanges | None) -> ChainArm:
+    return arm if joint_ranges is None else arm.narrowed(np.array(joint_ranges, dtype=float))
 
 
 def _chain_arm(spec: Mapping[str, Any]) -> ChainArm:
@@ -53,8 +61,11 @@ def _chain_arm(spec: Mapping[str, Any]) -> ChainArm:
     return UrArmModel(model, None if calibration is None else _deltas(calibration))
 
 
-def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> ArmModel:
-    """The arm that the ROBOT ``believed`` names, with its flange where the ROBOT ``measured`` has it.
+def measured_arm(
+    believed: Mapping[str, Any], measured: Mapping[str, Any], joint_ranges: JointRanges | None = None
+) -> ArmModel:
+    """The arm that the ROBOT ``believed`` names, with its flange where the ROBOT ``measured`` has it, and
+    its joints within ``joint_ranges`` (6, 2) rad.
 
     ``measured`` is what a tracker found of the same arm: six joints in series, or a model with deltas.
     ``DATA_INVALID`` when it is no such chain, or that of another arm.
@@ -74,7 +85,7 @@ def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> Ar
             f"kinematics.robot: its flange is up to {1e3 * apart.max():.0f} mm off that of a {nominal.name}, "
             "so it is another arm",
         )
-    return arm
+    return _within(arm, joint_ranges)
 
 
 def _deltas(calibration: Any) -> DhDeltas:

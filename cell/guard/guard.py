@@ -17,9 +17,8 @@ from cell.guard._body import Body
 from cell.guard._margins import PoseMargins, margins_of
 from cell.guard._rules import Finding, Rules
 from cell.guard.limits import GuardLimits, Tool
+from cell.joint_limits import JOINTS
 from cell.poses import Array
-
-JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
 PLANNED_CLEAR_M = SAMPLE_M  # twice what a path can come nearer to anything between two samples
@@ -102,12 +101,13 @@ class MotionGuard:
         flange = self._body.flange(joints)
         slack = np.full(len(Q), -_MEASURED_M)
         self._check(joints, lambda _: "at this set-point", slack, flange=flange)
-        n, worst = np.unravel_index(int(np.argmax(np.abs(speeds))), speeds.shape)
-        if abs(speeds[n, worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
+        limits = self.limits.joint_speeds_rad_s
+        n, worst = np.unravel_index(int(np.argmax(np.abs(speeds) / limits)), speeds.shape)
+        if abs(speeds[n, worst]) > limits[worst] * (1.0 + 1e-9):
             raise error(
                 "MOTION_LIMIT",
                 f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[n, worst]):.3f} rad/s, "
-                f"limit {self.limits.joint_speed_rad_s:g} rad/s",
+                f"limit {limits[worst]:g} rad/s",
             )
         levers = flange[:, :3, :3] @ self.tool.T_flange_tool.translation
         twists = np.einsum("nij,nj->ni", self.model.jacobian_many(joints), speeds)
@@ -230,22 +230,22 @@ class MotionGuard:
         tcp[:, :3, :3] = a[:3, :3] @ Rotation.from_rotvec(s * turn).as_matrix()
         tcp[:, :3, 3] = a[:3, 3] + s * shift
         tcp[:, 3, 3] = 1.0
-        duration = max(length / speed, angle / (_TURN_SHARE * self.limits.joint_speed_rad_s))
+        duration = max(length / speed, angle / (_TURN_SHARE * float(self.limits.joint_speeds_rad_s.min())))
         return tcp @ self.tool.T_flange_tool.inv().as_matrix(), duration
 
     def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:
         if len(Q) < 2 or step_s <= 0.0:
             return
-        limit = self.limits.joint_speed_rad_s
+        limits = self.limits.joint_speeds_rad_s
         if np.ptp(Q, axis=0).max() < _NOISE_RAD:
             return  # on a line of some micrometres noise of the start would pass for speed
         rates = np.abs(np.diff(Q, axis=0)) / step_s
-        n, j = np.unravel_index(int(np.argmax(rates)), rates.shape)
-        if rates[n, j] > limit * 1.01:
+        n, j = np.unravel_index(int(np.argmax(rates / limits)), rates.shape)
+        if rates[n, j] > limits[j] * 1.01:
             raise error(
                 "MOTION_LIMIT",
                 f"joint '{JOINTS[j]}' would turn at {rates[n, j]:.2f} rad/s on this line at {speed:g} m/s "
-                f"(limit {limit:g} rad/s); go slower, or in joint space if a singular pose is near",
+                f"(limit {limits[j]:g} rad/s); go slower, or in joint space if a singular pose is near",
             )
 
 

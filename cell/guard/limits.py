@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.arm_model import Capsule
 from cell.errors import error
+from cell.joint_limits import per_joint
 from cell.poses import Array, from_pose6
 
 
@@ -33,7 +34,7 @@ class Box:
         return cls(np.array(table["min"], float), np.array(table["max"], float), str(table.get("name", name)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GuardLimits:
     """The ``[limits]`` table. The tool stays in the union of ``workspace``, everything out of ``keep_out``.
 
@@ -43,7 +44,7 @@ class GuardLimits:
     workspace: Sequence[Box]
     keep_out: Sequence[Box]
     speed_m_s: float
-    joint_speed_rad_s: float
+    joint_speeds_rad_s: Array  # (6,)
 
     def __post_init__(self) -> None:
         if not self.workspace:
@@ -60,7 +61,7 @@ class GuardLimits:
                 Box.from_mapping(b, f"keep-out {i + 1}") for i, b in enumerate(table.get("keep_out", ()))
             ],
             speed_m_s=float(table["speed_m_s"]),
-            joint_speed_rad_s=float(table["joint_speed_rad_s"]),
+            joint_speeds_rad_s=per_joint(table["joint_speed_rad_s"]),
         )
 
 

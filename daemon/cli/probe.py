@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from cell.wire_recording.writer import WireRecorder
 from daemon.cli.failures import exit_code_of
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig
+from daemon.controller_limits import narrower_than_planned, require_within
 from daemon.health import Beats
 from daemon.supervisor import ExpectedIdentity
 
@@ -43,28 +43,26 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
         probes = (_probe(entry.device, entry.expect, stay_s) for entry in entries)
         found = list(await asyncio.gather(*probes))
     for report in found:
-        report["doubts"] += beyond_its_speed(config, report)
+        if report["device"] == config.robot.roles().get("arm"):
+            judge_limits(config, report)
     return found
 
 
-def beyond_its_speed(config: CellConfig, report: Mapping[str, Any]) -> list[str]:
-    """What is said of limits that are above those of the arm's own controller."""
-    most, own = config.limits.joint_speed_rad_s, report["joint_speeds_rad_s"]
-    if own is None or min(own) >= most:
-        return []
-    slowest = min(own)
-    joints = ", ".join(str(number) for number, speed in enumerate(own, 1) if speed < most)
-    return [
-        f"limits.joint_speed_rad_s is {most:g} rad/s, and the controller of {report['device']} lets joint"
-        f" {joints} turn by {slowest:.3g} rad/s at most: an arm that follows set-points falls behind there;"
-        " lower the limit"
-    ]
+def judge_limits(config: CellConfig, report: dict[str, Any]) -> None:
+    """Add to the report of the arm what its controller's own limits say of ``[limits]``."""
+    report["doubts"] += narrower_than_planned(config, report)
+    if report["exit_code"]:
+        return
+    try:
+        require_within(config.limits.model_dump(mode="json"), report)
+    except CellError as exc:
+        _blame(report, exc)
 
 
 async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dict[str, Any]:
     report: dict[str, Any] = {
         "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0, "doubts": [],
-        "joint_speeds_rad_s": None,
+        "joint_speeds_rad_s": None, "joint_ranges_rad": None,
     }  # fmt: skip
     try:
         try:
@@ -78,7 +76,7 @@ async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dic
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await device.close()
         report |= {"model": found.model, "serial": found.serial}
-        report["joint_speeds_rad_s"] = found.extra.get("joint_speeds_rad_s")
+        report |= {key: found.extra.get(key) for key in ("joint_speeds_rad_s", "joint_ranges_rad")}
         expect.check(device.name, found)
     except CellError as exc:
         _blame(report, exc)

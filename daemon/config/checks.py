@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from cell.joint_limits import limit_words
 from daemon.config.findings import Findings, did_you_mean
+from daemon.config.limits_section import LimitsSection
 from daemon.config.locate import Path
-from daemon.config.models import LimitsSection
 from daemon.config.roles import ROLES, devices_by_role
 
 MAX_LENGTH_M = 20.0
@@ -184,12 +185,23 @@ def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
     for place, section in _job_sections(raw):
         wanted = section.get("limits")
         for key, high in wanted.items() if isinstance(wanted, dict) else ():
-            allowed = limits.get(key)
-            if _is_number(high) and _is_number(allowed) and high > allowed:
+            allowed: Any = limits.get(key)
+            pairs = zip(in_each_joint(high), in_each_joint(allowed), strict=True)
+            if any(one > most for one, most in pairs):
                 findings.warn(
                     (*place, "limits", key),
-                    f"{high:g} is above {allowed:g} of [limits], and allow_job_override is false",
+                    f"{limit_words(high)} is above {limit_words(allowed)} of [limits], and "
+                    "allow_job_override is false",
                 )
+
+
+def in_each_joint(limit: Any) -> list[float]:
+    """The limit (6,) of each joint, as one number or six have it; what is neither is beyond nothing."""
+    if _is_number(limit):
+        return [limit] * 6
+    if isinstance(limit, list) and len(limit) == 6 and all(_is_number(one) for one in limit):
+        return limit
+    return [math.nan] * 6
 
 
 def _numbers(value: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:

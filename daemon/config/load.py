@@ -16,9 +16,10 @@ from cell.formats.capture import TARGETS
 from cell.formats.robot import parse_robot
 from cell.kinds import plays
 from cell.store.files import read_json, to_json
-from daemon.config.checks import check_contradictions, check_names, check_units
+from daemon.config.checks import check_contradictions, check_names, check_units, in_each_joint
 from daemon.config.drivers import DRIVERS, bindings, driver_class
 from daemon.config.findings import ConfigInvalid, Findings, did_you_mean, with_detail
+from daemon.config.limits_section import LimitsSection
 from daemon.config.locate import locate
 from daemon.config.models import (
     UR_MODELS,
@@ -28,7 +29,6 @@ from daemon.config.models import (
     DeviceSection,
     FixedSections,
     HttpSection,
-    LimitsSection,
     ModbusSection,
     RobotSection,
     SupervisorSection,
@@ -418,17 +418,16 @@ def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[
 
 
 def _check_joint_speed(raw: Mapping[str, Any], fastest: list[float], model: str, findings: Findings) -> None:
-    """The cell's limit is one for all joints, so it is that of the slowest at most."""
+    """No joint may be faster than the arm's own file has it."""
     section = raw.get("limits")
     allowed = section.get("joint_speed_rad_s") if isinstance(section, dict) else None
-    wanted = LimitsSection().joint_speed_rad_s if allowed is None else allowed
-    slowest = min(range(6), key=lambda k: fastest[k])
-    if isinstance(wanted, int | float) and wanted > fastest[slowest]:
+    wanted = in_each_joint(LimitsSection().joint_speed_rad_s if allowed is None else allowed)
+    beyond = [k for k, (most, own) in enumerate(zip(wanted, fastest, strict=True)) if most > own]
+    if beyond:
+        worst = min(beyond, key=lambda k: fastest[k])
         place = ("limits",) if allowed is None else ("limits", "joint_speed_rad_s")
-        text = (
-            f"joint_speed_rad_s of {wanted:g} is above {fastest[slowest]:g} of joint {slowest + 1} in {model}"
-        )
-        findings.add(place, f"{text}; lower it")
+        text = f"joint_speed_rad_s of {wanted[worst]:g} is above {fastest[worst]:g} of joint {worst + 1}"
+        findings.add(place, f"{text} in {model}; lower it, or give one number a joint")
 
 
 def _observed_spec(

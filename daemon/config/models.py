@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from cell.errors import present
+from daemon.config.limits_section import LimitsSection
 from daemon.config.mqtt_section import MqttSection
 from daemon.config.program_after import ProgramAfter
 from daemon.config.recipes import NAME as RECIPE_NAME
@@ -254,47 +255,6 @@ class RobotSection(Section):
     program_after: ProgramAfter | None = Field(
         default=None,
         description="the arm's own program that is started again after a check it asked for",
-    )
-
-
-class Box(Section):
-    """An axis-parallel box in the base frame, m."""
-
-    min: Point = Field(description="lowest corner x, y, z in the base, m")
-    max: Point = Field(description="highest corner x, y, z in the base, m")
-
-    @model_validator(mode="after")
-    def _not_empty(self) -> Self:
-        if any(low >= high for low, high in zip(self.min, self.max, strict=True)):
-            raise ValueError("each number of 'min' must be smaller than that of 'max'")
-        return self
-
-
-class KeepOutBox(Box):
-    """A box that tool and links must not enter."""
-
-    name: str = Field(min_length=1, description="shown when a move would enter it")
-
-
-class LimitsSection(Section):
-    """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
-
-    speed_m_s: float = Field(default=0.25, ge=0.001, le=5.0, description="highest speed of the tool")
-    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="highest acceleration of the tool")
-    joint_speed_rad_s: float = Field(
-        default=0.8, ge=0.001, le=10.0, description="highest speed of each joint"
-    )
-    joint_accel_rad_s2: float = Field(
-        default=1.4, gt=0, le=80.0, description="highest acceleration of each joint"
-    )
-    allow_job_override: bool = Field(
-        default=False, description="a job may raise limits; the dry run shows it"
-    )
-    workspace: list[Box] = Field(
-        default_factory=list, description="the tool stays within these boxes; an arm needs one at least"
-    )
-    keep_out: list[KeepOutBox] = Field(
-        default_factory=list, description="boxes that tool and links must not enter"
     )
 
 

@@ -79,16 +79,35 @@ def _check_payload(raw: Mapping[str, Any], findings: Findings) -> None:
 
 
 def _check_poses(raw: Mapping[str, Any], findings: Findings) -> None:
-    poses = raw.get("poses")
+    poses, limits = raw.get("poses"), raw.get("limits")
+    ranges = limits.get("joint_ranges_rad") if isinstance(limits, dict) else None
     for name, joints in poses.items() if isinstance(poses, dict) else ():
         for index, angle in enumerate(joints if isinstance(joints, list) else ()):
-            number = isinstance(angle, int | float) and not isinstance(angle, bool)
-            if number and JOINT_RANGE_RAD + 1e-6 < abs(angle) <= UNITS_RAD:
+            if not _is_number(angle) or abs(angle) > UNITS_RAD:
+                continue
+            if abs(angle) > JOINT_RANGE_RAD + 1e-6:
                 findings.add(
                     ("poses", name, index),
                     f"{angle:g} rad is beyond the joint's range of -{JOINT_RANGE_RAD:.4g} to "
                     f"{JOINT_RANGE_RAD:.4g} rad (360 deg)",
                 )
+            elif (ends := _ends(ranges, index)) and not ends[0] - 1e-9 <= angle <= ends[1] + 1e-9:
+                findings.add(
+                    ("poses", name, index),
+                    f"{angle:g} rad is beyond limits.joint_ranges_rad of joint {index + 1}, {ends[0]:g} to "
+                    f"{ends[1]:g} rad; widen it, or teach the pose elsewhere",
+                )
+
+
+def _ends(ranges: Any, index: int) -> list[float] | None:
+    """The range of one joint, where it has the form of one."""
+    ends = ranges[index] if isinstance(ranges, list) and index < len(ranges) else None
+    formed = isinstance(ends, list) and len(ends) == 2 and all(map(_is_number, ends)) and ends[0] < ends[1]
+    return ends if formed else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _check_boards(raw: Mapping[str, Any], findings: Findings) -> None:

@@ -95,7 +95,8 @@ def _rows(
             rows.append(f"| `{prefix}{key}` | table | {word} | | {meaning} |")
             rows += _rows(inner, definitions, f"{prefix}{key}.", standing)
             continue
-        options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
+        among = entry.get("anyOf") or entry.get("oneOf") or [entry]
+        options = [o for o in among if o.get("type") != "null"]
         kinds = " or ".join(_kind(option, definitions) for option in options)
         limits = ", ".join(filter(None, (limits_text(option) for option in options)))
         rows.append(f"| `{prefix}{key}` | {cell(kinds)} | {default} | {cell(limits)} | {meaning} |")

@@ -106,7 +106,8 @@ class UrArm(SampledDevice):
         """Serial, model and PolyScope version; ``DEVICE_IDENTITY`` when the config expects another.
 
         ``extra["kinematics"]``: the arm's own DH rows, their check sums and, as ``calibration``, the deltas
-        to the nominal model. ``extra["joint_speeds_rad_s"]``: what this controller allows each joint.
+        to the nominal model. ``extra["joint_speeds_rad_s"]`` (6) and ``extra["joint_ranges_rad"]`` (6, 2):
+        what this controller allows each joint.
         """
         self._life.require()
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
@@ -124,8 +125,9 @@ class UrArm(SampledDevice):
                     f"{self.name} at {self._config.host} has {what} {seen}, expected {expected}",
                 )
         extra: dict[str, Any] = {"kinematics": describe(facts.model, found), "urcontrol": self._version}
-        if (speeds := self._primary.joint_speeds) is not None:
-            extra["joint_speeds_rad_s"] = list(speeds)
+        if (limits := self._primary.joint_limits) is not None:
+            extra["joint_speeds_rad_s"] = list(limits.speeds)
+            extra["joint_ranges_rad"] = [list(ends) for ends in limits.ranges]
         return Identity(facts.model, facts.serial, facts.version, extra)
 
     def health(self) -> dict[str, Any]:

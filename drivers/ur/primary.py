@@ -89,15 +89,22 @@ def parse_kinematics(body: bytes) -> Kinematics:
     return Kinematics(checksum, rows[0], rows[1], rows[2], rows[3], status)
 
 
-def parse_joint_speeds(body: bytes) -> Six:
-    """Highest speed of each joint (rad/s) that this controller allows, from its configuration data.
+@dataclass(frozen=True)
+class JointLimits:
+    """What this controller allows each joint: lowest and highest angle, rad, and highest speed, rad/s."""
 
-    Six pairs of joint limits come first, then six of speed and acceleration.
-    """
+    ranges: tuple[tuple[float, float], ...]
+    speeds: Six
+
+
+def parse_joint_limits(body: bytes) -> JointLimits:
+    """From configuration data: six pairs of lowest and highest angle come first, then six of speed and
+    acceleration."""
     if len(body) < 192:
         raise error("PROTOCOL_VIOLATION", f"configuration data of {len(body)} bytes")
-    pairs = struct.unpack_from(">12d", body, 96)
-    return pairs[0], pairs[2], pairs[4], pairs[6], pairs[8], pairs[10]
+    ends, moving = struct.unpack_from(">12d", body, 0), struct.unpack_from(">12d", body, 96)
+    s1, s2, s3, s4, s5, s6 = moving[::2]
+    return JointLimits(tuple(zip(ends[::2], ends[1::2], strict=True)), (s1, s2, s3, s4, s5, s6))
 
 
 class PrimaryLink:
@@ -111,7 +118,7 @@ class PrimaryLink:
         on_lost: Callable[[CellError], None],
     ) -> None:
         self.kinematics: Kinematics | None = None
-        self.joint_speeds: Six | None = None  # rad/s; None: not told
+        self.joint_limits: JointLimits | None = None  # None: not told
         self._host, self._writer, self._on_tcp, self._on_lost = host, writer, on_tcp, on_lost
         self._tcp_seen = asyncio.Event()
         self._kinematics_seen = asyncio.Event()
@@ -187,4 +194,4 @@ class PrimaryLink:
                 self.kinematics = parse_kinematics(part)
                 self._kinematics_seen.set()
             elif kind == _CONFIGURATION_DATA:
-                self.joint_speeds = parse_joint_speeds(part)
+                self.joint_limits = parse_joint_limits(part)

@@ -78,7 +78,8 @@ class ObjectArm(ObjectDevice):
         if expected is not None and serial != expected:
             raise error("DEVICE_IDENTITY", f"{self.name} has serial {serial}, expected {expected}")
         calibration = {k: list(v) for k, v in arm.factory.model_dump().items()}
-        return Identity(arm.name, serial, arm.version, {"kinematics": {"calibration": calibration}})
+        extra = {"kinematics": {"calibration": calibration}, **arm.controller_limits.told()}
+        return Identity(arm.name, serial, arm.version, extra)
 
     def fault(self) -> Exception | None:
         """The coded error that the newest package shows, or None."""

@@ -7,6 +7,7 @@ world's business; only the joints are common to both.
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import le
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,6 @@ SAMPLES_PER_CYCLE = 3
 SHORTEST_WAY_M = 1e-9
 HALT_RAD_S2 = 6.0  # how hard the arm brakes when its program ends
 SILENT_S = 0.1  # a client that saw nothing of the arm for longer has stopped it
-JOINT_LIMIT = 2.0 * np.pi  # +- 360 degrees
 ZERO6 = (0.0,) * 6
 
 
@@ -52,9 +52,12 @@ def _transform(pose6: tuple[float, ...]) -> RigidTransform:
 class Arm:
     """Motion primitives; times are the controller cycle's own time (s on the twin's clock)."""
 
-    def __init__(self, track: Track, believed: Chain, tool: Tool, servo: Servo | None = None) -> None:
+    def __init__(
+        self, track: Track, believed: Chain, tool: Tool, servo: Servo | None, joint_ranges: Array
+    ) -> None:
         self.track, self.believed, self.tool = track, believed, tool
         self._servo = servo
+        self._lowest, self._highest = joint_ranges.T.tolist()
         self.t = 0.0  # the present cycle
         self.halts = 0  # grows whenever something other than the program stops the arm
         self.speed_fraction = 1.0
@@ -128,7 +131,8 @@ class Arm:
 
     def within_limits(self, q: ArrayLike) -> bool:
         """Whether every joint lies inside its range."""
-        return bool(np.all(np.abs(np.asarray(q)) <= JOINT_LIMIT))
+        values = np.asarray(q).tolist()
+        return all(map(le, self._lowest, values)) and all(map(le, values, self._highest))
 
     # -- blocking motion: one ``next`` per control cycle until the arm is there
 

@@ -31,7 +31,8 @@ def controller_for(world: World, bind: str) -> Controller:
             f"world.arm.robot: {arm.name} is no arm of UR, and the twin on real protocols speaks as one; "
             "its world runs on the object face, without protocols",
         )
-    identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
+    version, deltas = parse_version(arm.version), arm.factory.deltas()
+    identity = Identity(arm.model, arm.serial, version, deltas, arm.controller_limits)
     made = Controller(
         bind,
         identity,

@@ -16,7 +16,6 @@ from fakes.ur.faults import StreamFaults
 from fakes.ur.runtime import RuntimeState, ScriptError
 from fakes.ur.safety import SafetyMode
 from fakes.ur.scripting import ScriptPort, TextAssembler
-from fakes.world.arm.joint_speeds import fastest_joints
 from fakes.world.arm.kinematics import dh_parameters
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ _TEXT, _VERSION, _KEY, _RUNTIME_EXCEPTION = 0, 3, 7, 10
 _SOURCE_ROBOT = -2
 _CALIBRATION_LINEARISED = 2
 _ROBOT_TYPES = {"ur5": 1, "ur10": 2, "ur3": 3, "ur16": 4, "ur18": 5, "ur20": 7, "ur30": 8, "ur15": 9}
-_JOINT_LIMIT = 2.0 * np.pi
+_JOINT_RAD_S2 = 40.0  # as a recorded controller tells it; see fakes.world.arm.controller_limits
 _EVENTS = {"STARTED", "STOPPED", "PAUSED", "RESUMED"}
 
 
@@ -138,15 +137,15 @@ def kinematics_info(robot: "Robot") -> bytes:
 
 
 def _configuration(robot: "Robot") -> bytes:
-    theta, d, a, alpha = dh_parameters(robot.identity.model)
-    model = robot.identity.model
+    model, limits = robot.identity.model, robot.identity.limits
+    theta, d, a, alpha = dh_parameters(model)
     return _sub(
         6,
         "12d12d5d24d4i",
-        *(-_JOINT_LIMIT, _JOINT_LIMIT) * 6,
-        *(value for speed in fastest_joints(model) for value in (speed, 13.96)),
-        *(1.05, 1.4, 0.25, 1.2, 0.1),
-        *(*a, *d, *alpha, *theta),
+        *limits.ranges().ravel(),
+        *(value for speed in limits.speeds(model) for value in (speed, _JOINT_RAD_S2)),
+        *(np.deg2rad(60.0), np.deg2rad(80.0), 0.25, 1.2, 0.25),
+        *(*theta, *a, *d, *alpha),
         *(0, 0, _ROBOT_TYPES.get(model.removesuffix("e"), 0), int(model.endswith("e"))),
     )
 

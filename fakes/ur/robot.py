@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
-from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
+from fakes.ur.arm import Arm, Tool
 from fakes.ur.control_modes import ControlModes
 from fakes.ur.force_sensor import ForceSensor
 from fakes.ur.inputs import InputOutput, Inputs
@@ -23,6 +23,7 @@ from fakes.ur.registers import RegisterBank
 from fakes.ur.runtime import Program, Runtime, RuntimeState, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
 from fakes.ur.tcp import TcpKinematics
+from fakes.world.arm.controller_limits import ControllerLimitsTruth
 from fakes.world.arm.kinematics import Chain, LinkDeltas
 from fakes.world.arm.reported import Reported
 from fakes.world.arm.servo import Servo
@@ -56,6 +57,7 @@ class Identity:
     serial: str = "99991100001"
     version: tuple[int, int, int, int] = (5, 12, 4, 1101534)
     deltas: LinkDeltas = field(default_factory=LinkDeltas)
+    limits: ControllerLimitsTruth = field(default_factory=ControllerLimitsTruth)
 
     @property
     def rate(self) -> float:
@@ -171,7 +173,7 @@ class Robot:
     ) -> None:
         self.identity, self.now, self._contact, self._digital_in = identity, now, contact, digital_in
         self.tool = Tool()
-        self.arm = Arm(track, believed, self.tool, servo)
+        self.arm = Arm(track, believed, self.tool, servo, identity.limits.ranges())
         self.reported = reported or Reported(ReportedTruth(), 0)
         self.arm.period = 1.0 / identity.rate
         self.tcp = TcpKinematics(believed)
@@ -242,7 +244,7 @@ class Robot:
         """What the controller's own safety stops: joints beyond their range, and too much force."""
         if self.safety.mode != SafetyMode.NORMAL or not self.safety.powered:
             return
-        if max(map(abs, now.q)) > JOINT_LIMIT or now.collision_ratio > 1.0:
+        if not self.arm.within_limits(now.q) or now.collision_ratio > 1.0:
             self.say("protective stop: joint limit or force limit")
             self.protective_stop()
 

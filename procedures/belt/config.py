@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.formats.joint_limits import JointSpeeds
 from cell.formats.reading import Strict
 
 MOST_PLACES = 400
@@ -96,7 +97,9 @@ class JobLimits(Strict):
     speed_m_s: float = Field(default=1.0, gt=0, le=5, description="highest speed of the tool")
     accel_m_s2: float = Field(default=6.0, gt=0, le=50, description="highest acceleration of the tool")
     jerk_m_s3: float = Field(default=80.0, gt=0, le=2000, description="highest jerk of the tool")
-    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="highest speed of each joint")
+    joint_speed_rad_s: JointSpeeds = Field(
+        default=2.0, description="highest speed of each joint: one number, or six from the base to the flange"
+    )
 
 
 class BeltTrackingConfig(Strict):

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
-from procedures.arm_setup import with_job_limits
+from procedures.arm_setup import believed_arm, with_job_limits
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, ZoneTimes, slides
 from procedures.belt.motion.tool_joints import ToolJoints
@@ -33,7 +32,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
         problems.append(exc.detail)
     if problems:
         return {"text": "no prediction before its errors are corrected", "problems": problems, "cautions": []}
-    model = robot_from_spec(values.robot)
+    model = believed_arm(values)
     q_wait, q_place = (np.array(values.poses[name]) for name in (job.wait_pose, job.place_pose))
     tool = ToolJoints(model, from_pose6(values.tool["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
@@ -135,10 +134,11 @@ def _cautions(
                 f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, less than "
                 f"dwell_s and grip_timeout_s together ({least:.2f} s); make the zone longer"
             )
-        if job.follow and (speed := expectation.too_fast_to_follow(row.speed_m_s)) is not None:
+        if job.follow and (beyond := expectation.too_fast_to_follow(row.speed_m_s)) is not None:
+            joint, speed, limit = beyond
             yield (
-                f"following at {row.speed_m_s:g} m/s at an end of the zone turns a joint at {speed:.2f} "
-                f"rad/s, limits.joint_speed_rad_s is {job.limits.joint_speed_rad_s:g} rad/s; shorten the zone"
+                f"following at {row.speed_m_s:g} m/s at an end of the zone turns joint '{joint}' at "
+                f"{speed:.2f} rad/s, its limits.joint_speed_rad_s is {limit:g} rad/s; shorten the zone"
             )
 
 

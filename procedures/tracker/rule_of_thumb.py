@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.identification.selection import RULE_ANGLE, RULE_POSES, SourceRule
 from cell.errors import error
+from cell.joint_limits import leading_speed, per_joint
 from cell.poses import Array
 from procedures.tracker.visit_order import travel
 
@@ -64,11 +65,11 @@ def require_kept(poses: int, links: Array, ranges: Array, lost: Sequence[Mapping
 def rule_cost(path: Array, shortest: Array, limits: Mapping[str, Any] | None) -> dict[str, float]:
     """Travel (rad) along ``path`` (n, j) and along the ``shortest`` one through the same poses; with the
     ``limits`` of an arm how long it takes, s, with a rest at each pose."""
-    ways = {"travel_rad": travel(path), "shortest_rad": travel(shortest)}
-    cost = {key: float(way.sum()) for key, way in ways.items()}
+    cost = {"travel_rad": float(travel(path).sum()), "shortest_rad": float(travel(shortest).sum())}
     if limits is not None:
-        v, a = limits["joint_speed_rad_s"], limits["joint_accel_rad_s2"]
-        for key, way in zip(("moving_s", "shortest_s"), ways.values(), strict=True):
+        speeds, a = per_joint(limits["joint_speed_rad_s"]), limits["joint_accel_rad_s2"]
+        for key, visits in (("moving_s", path), ("shortest_s", shortest)):
+            way, v = travel(visits), leading_speed(np.diff(visits, axis=0), speeds)
             times = np.where(way > v * v / a, way / v + v / a, 2.0 * np.sqrt(way / a))
             cost[key] = float(times.sum())
     return cost

@@ -24,7 +24,7 @@ QUICK = {
     "measure_speed_m_s": 0.03,
     "speed_m_s": 1.0,
     "accel_m_s2": 10.0,
-    "joint_speed_rad_s": 3.0,
+    "joint_speed_rad_s": [2.0, 2.0, 3.0, 3.0, 3.0, 3.0],
 }
 MORE = """
 lead_m = 0.002

@@ -28,7 +28,7 @@ LIMITS = """
 [cell.limits]
 speed_m_s = 1.0
 accel_m_s2 = 5.0
-joint_speed_rad_s = 3.0
+joint_speed_rad_s = [2.0, 2.0, 3.0, 3.0, 3.0, 3.0]
 joint_accel_rad_s2 = 12.0
 workspace = [{ min = [-1.4, -1.4, 0.0], max = [1.4, 1.4, 1.8] }]
 """

@@ -93,6 +93,8 @@ def test_identity_and_factory_kinematics_are_read(rig: Rig) -> None:
         assert identity.is_twin
         assert len(identity.extra["kinematics"]["checksum"]) == 6
         np.testing.assert_allclose(identity.extra["kinematics"]["calibration"]["delta_d"], 0.0, atol=1e-9)
+        np.testing.assert_allclose(np.degrees(identity.extra["joint_ranges_rad"]), [[-363.0, 363.0]] * 6)
+        assert identity.extra["joint_speeds_rad_s"][0] == pytest.approx(np.deg2rad(120.0) + 0.2)
 
     rig.play(scenario)
 

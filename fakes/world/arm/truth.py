@@ -9,6 +9,7 @@ from cell.errors import CellError
 from cell.formats.reading import Strict
 from cell.formats.robot import Serial6Robot, parse_robot
 from cell.poses import Array
+from fakes.world.arm.controller_limits import ControllerLimitsTruth
 from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
 from fakes.world.beams.truth import CapsuleTruth, Three
 
@@ -77,6 +78,7 @@ class ArmTruth(Strict):
     joint_errors: JointErrorsTruth = JointErrorsTruth()
     servo: ServoTruth = ServoTruth()
     reported: ReportedTruth = ReportedTruth()
+    controller_limits: ControllerLimitsTruth = ControllerLimitsTruth()
     repeatability_t_m: float = Field(
         default=0.0,
         ge=0,

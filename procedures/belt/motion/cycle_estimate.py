@@ -15,6 +15,7 @@ from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
 from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitState, plan
 from cell.errors import CellError
 from cell.guard import MotionGuard
+from cell.joint_limits import JOINTS, per_joint
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import blend_for
@@ -106,7 +107,7 @@ class CycleEstimate:
         self._q_wait, self._q_place = q_wait, q_place
         self._wait, self._place = tool.state(q_wait), tool.state(q_place)
         limits = config.limits
-        self._limits = pursuit_limits(limits)
+        self._limits, self._joint_speeds = pursuit_limits(limits), per_joint(limits.joint_speed_rad_s)
         self._axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._gripper_s = config.grip_timeout_s / 3.0
         self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
@@ -166,14 +167,15 @@ class CycleEstimate:
             q, start = self._q_place, self._place.p
         return self._tool.joints(state, self._tool.walked(start, state.p, q))
 
-    def too_fast_to_follow(self, speed_m_s: float) -> float | None:
-        """The joint speed (rad/s) that following at an end of the zone takes, if it is beyond the limit."""
-        zone, fastest = self._config.zone, 0.0
-        for along in (zone.min_m, zone.max_m):
-            v = np.array([*(speed_m_s * self._way), 0.0])
-            _, speeds = self._joints_at(PursuitState(self.grip_point(along), v, np.zeros(4)))
-            fastest = max(fastest, float(np.max(np.abs(speeds))))
-        return fastest if fastest > self._config.limits.joint_speed_rad_s else None
+    def too_fast_to_follow(self, speed_m_s: float) -> tuple[str, float, float] | None:
+        """The joint that is most beyond its limit where an end of the zone is followed, its speed and the
+        limit, rad/s; None where each keeps to its own."""
+        zone, v = self._config.zone, np.array([*(speed_m_s * self._way), 0.0])
+        states = (PursuitState(self.grip_point(at), v, np.zeros(4)) for at in (zone.min_m, zone.max_m))
+        fastest = np.max([np.abs(self._joints_at(state)[1]) for state in states], axis=0)
+        worst = int(np.argmax(fastest / self._joint_speeds))
+        speed, limit = float(fastest[worst]), float(self._joint_speeds[worst])
+        return (JOINTS[worst], speed, limit) if speed > limit else None
 
     def zone_times(self) -> ZoneTimes:
         """Of the waiting pose, the zone and the limits; the arm's ways are planned as the job does."""
@@ -255,12 +257,12 @@ class CycleEstimate:
         leg, _ = within_joint_speed(
             lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
             self._fastest,
-            self._config.limits.joint_speed_rad_s,
+            self._joint_speeds,
         )
         return leg
 
-    def _fastest(self, leg: Leg) -> float:
-        """The highest joint speed on ``leg``, rad/s."""
+    def _fastest(self, leg: Leg) -> Array:
+        """The highest speed of each joint on ``leg``, (6,) rad/s."""
         return self._tool.fastest(leg, self._joints_at(PursuitState.still(leg.at(leg.t0).p))[0])
 
 

@@ -92,9 +92,10 @@ class ToolJoints:
         Qd = np.asarray(np.linalg.solve(self._model.jacobian_many(Q), twists[:, :, None])[:, :, 0])
         return Q, Qd
 
-    def fastest(self, leg: Leg, near: Array) -> float:
-        """The highest joint speed on the way of ``leg``, rad/s, from joints ``near`` (6,) on."""
-        return float(np.max(np.abs(self.line(looks_along(leg), near)[1])))
+    def fastest(self, leg: Leg, near: Array) -> Array:
+        """The highest speed of each joint on the way of ``leg``, (6,) rad/s, from joints ``near`` (6,) on."""
+        speeds: Array = np.max(np.abs(self.line(looks_along(leg), near)[1]), axis=0)
+        return speeds
 
     def piece(self, t0: float, h: float, states: Sequence[tuple[Array, Array]]) -> TrajectoryPiece:
         """The polynomial through joints and joint speeds (6,) at ``t0``, ``t0 + h``, ... (Hermite)."""
@@ -121,11 +122,12 @@ def joints_on_piece(piece: TrajectoryPiece, t: float) -> Array:
     return out
 
 
-def fastest_joint(piece: TrajectoryPiece) -> float:
-    """The highest joint speed in ``piece``, rad/s."""
+def fastest_on_piece(piece: TrajectoryPiece) -> Array:
+    """The highest speed of each joint in ``piece``, (6,) rad/s."""
     s = np.linspace(0.0, piece.t1 - piece.t0, _LOOKS)[:, None]
     k = np.arange(1.0, len(piece.coefficients))
-    return float(np.max(np.abs((k * s ** (k - 1.0)) @ piece.coefficients[1:])))
+    speeds: Array = np.max(np.abs((k * s ** (k - 1.0)) @ piece.coefficients[1:]), axis=0)
+    return speeds
 
 
 @lru_cache

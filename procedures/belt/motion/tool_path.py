@@ -8,10 +8,11 @@ from calibration.belt.descent import descend, touch_height
 from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitLimits, PursuitState, Ride, plan
 from cell.devices import TrajectoryPiece
 from cell.guard import MotionGuard
+from cell.joint_limits import per_joint
 from cell.poses import Array
 from procedures.belt.config import JobLimits
 from procedures.belt.motion.blend import Blend
-from procedures.belt.motion.tool_joints import ToolJoints, fastest_joint, looks_along
+from procedures.belt.motion.tool_joints import ToolJoints, fastest_on_piece, looks_along
 
 STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
@@ -26,18 +27,19 @@ YAW_SHARE = 0.6  # of the joints' speed limit for turning the tool; the way itse
 
 def pursuit_limits(limits: JobLimits) -> PursuitLimits:
     """The job's limits as the planner takes them."""
-    yaw_v = YAW_SHARE * limits.joint_speed_rad_s
+    yaw_v = YAW_SHARE * float(per_joint(limits.joint_speed_rad_s).min())
     return PursuitLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=yaw_v)
 
 
 def within_joint_speed(
-    planned: Callable[[float], Leg], fastest: Callable[[Leg], float], limit: float
+    planned: Callable[[float], Leg], fastest: Callable[[Leg], Array], limits: Array
 ) -> tuple[Leg, float]:
     """The leg that is ``planned`` for a share of the tool's speed, and that share: the greatest with which
-    the ``fastest`` joint on it keeps to ``limit`` (rad/s), but for what a few tries leave."""
+    the ``fastest`` (6,) that joints are on it keep to ``limits`` (6,) rad/s, but for what a few tries
+    leave."""
     share, leg = 1.0, planned(1.0)
     for _ in range(SLOWINGS):
-        over = fastest(leg) / (JOINT_SHARE * limit)
+        over = float(np.max(fastest(leg) / (JOINT_SHARE * limits)))
         if over <= 1.0:
             break
         share /= max(over, LEAST_SLOWING)
@@ -52,6 +54,7 @@ class ToolPath:
     def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: PursuitState) -> None:
         self._tool, self._guard = tool, guard
         self._job, self._limits = limits, pursuit_limits(limits)
+        self._joint_speeds = per_joint(limits.joint_speed_rad_s)
         self._leg = plan(0.0, at, FixedPoint(at.p), np.zeros(4), self._limits)
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
@@ -89,7 +92,7 @@ class ToolPath:
         return within_joint_speed(
             lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
             lambda leg: self._tool.fastest(leg, self._q),
-            self._job.joint_speed_rad_s,
+            self._joint_speeds,
         )
 
     def check(self, tried: tuple[Leg, float], states: Sequence[PursuitState] = ()) -> None:
@@ -149,7 +152,7 @@ class ToolPath:
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
             ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)]
             slow = max(float(np.linalg.norm(v)) for v in ways) <= TOOL_SHARE * limits.speed_m_s
-            fine = slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s
+            fine = slow and bool(np.all(fastest_on_piece(piece) <= BRAKE_SHARE * self._joint_speeds))
             if fine or self._share <= LEAST_SHARE:
                 break
             self._share = max(0.8 * self._share, LEAST_SHARE)

@@ -260,3 +260,29 @@ def test_a_chain_that_cannot_be_this_arm_is_refused(change: dict[str, Any], told
     with pytest.raises(CellError, match=told) as caught:
         measured_arm({"model": "ur5e"}, {**tracked(), **change})
     assert caught.value.name == "DATA_INVALID"
+
+
+def test_an_arm_with_narrower_ranges_finds_joints_within_them_alone() -> None:
+    whole, ranges = UrArmModel("ur10e"), np.tile([-6.0, 6.0], (6, 1))
+    ranges[0], ranges[2] = [-0.5, 0.5], [0.0, 3.5]  # the elbow's end stays that of the arm
+    subject = whole.narrowed(ranges)
+    assert subject.joint_limits[0].tolist() == [-0.5, 0.5]
+    assert subject.joint_limits[2].tolist() == [0.0, np.pi]
+    assert whole.joint_limits[0].tolist() == [-2.0 * np.pi, 2.0 * np.pi], "that one is as it was"
+    q = np.array([0.2, -1.2, 1.4, -1.8, -1.5, 0.3])
+    found = subject.inverse_all(whole.forward(q))
+    assert found
+    assert len(found) < len(whole.inverse_all(whole.forward(q)))
+    assert all(np.all((ranges[:, 0] <= one) & (one <= ranges[:, 1])) for one in found)
+    outside = whole.forward(q + np.array([0.6, 0, 0, 0, 0, 0]))
+    assert subject.inverse(outside, q) is None
+
+
+@pytest.mark.parametrize(
+    "make", [robot_from_spec, lambda spec, ranges: measured_arm(spec, tracked(), ranges)]
+)
+def test_ranges_go_with_every_way_to_an_arm(make: Any) -> None:
+    ranges = [[-1.0, 1.0]] * 6
+    assert make({"model": "ur5e"}, ranges).joint_limits.tolist() == ranges
+    with pytest.raises(CellError, match=r"joint 'elbow' from 3\.5 to 4 rad has nothing in common with"):
+        make({"model": "ur5e"}, [[-1.0, 1.0], [-1.0, 1.0], [3.5, 4.0], *ranges[:3]])

@@ -367,3 +367,20 @@ def test_a_typical_joint_path_is_checked_in_a_few_milliseconds(subject: MotionGu
         subject.check_path_joints(HOME, turned(0.8, 0.2, -0.3, 0.3, 0.4, 0.8))
         best = min(best, time.perf_counter() - started)
     assert best < 0.1, "20 ms by design; five times that on a busy machine"
+
+
+def test_each_joint_is_held_to_its_own_speed() -> None:
+    each = [2.0, 2.0, 2.0, 0.3, 2.0, 2.0]
+    subject, Q = make_guard(joint_speed_rad_s=each, speed_m_s=5.0, keep_out=[]), HOME[None]
+    subject.check_setpoints(Q, np.array([[1.0, 0.0, 0.0, 0.2, 0.0, 0.0]]))
+    failure = refusal(subject.check_setpoints, Q, np.array([[1.0, 0.0, 0.0, 0.4, 0.0, 0.0]]))
+    assert "joint 'wrist 1' at 0.400 rad/s, limit 0.3 rad/s" in str(failure)
+
+
+def test_a_line_is_held_to_the_speed_of_each_joint() -> None:
+    end = shifted(0.0, 0.2, 0.0)
+    make_guard(joint_speed_rad_s=2.0, keep_out=[]).check_path_linear(HOME_POSE, end, HOME)
+    slow = make_guard(joint_speed_rad_s=[0.1, *[2.0] * 5], keep_out=[])
+    failure = refusal(slow.check_path_linear, HOME_POSE, end, HOME)
+    assert "joint 'base' would turn at" in str(failure)
+    assert "(limit 0.1 rad/s)" in str(failure)

@@ -3,13 +3,14 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ArmState, ToolSettings, TrajectoryPiece
+from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.interruptions import Interruptions
 from cell.motion import TAKE_UP_REST_S
@@ -17,6 +18,7 @@ from cell.samples import Sample
 from cell.standstill import measured_standstill
 from fakes.object.loop import run_virtual
 from tests.kit.motion_bench import (
+    SPEED,
     TARGET,
     Bench,
     OpenGuard,
@@ -486,3 +488,20 @@ def test_an_arm_that_changed_while_its_way_was_checked_does_not_move(move: str, 
             assert not arm.moving
 
     run_virtual(main())
+
+
+def test_a_joint_move_is_as_fast_as_the_limit_of_each_joint_lets_it_be() -> None:
+    told: list[float] = []
+
+    class Arrived(ScriptedArm):
+        async def move_joints(self, q: Any, speed: Speed) -> None:
+            told.append(speed.joint_rad_s)
+
+    async def main() -> None:
+        async with bench_with(Arrived()) as bench, bench.lease() as lease:
+            each = replace(SPEED, each_joint_rad_s=(0.2, *[0.8] * 5))
+            await lease.move_joints(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 1.0]), each)
+            await lease.move_joints(TARGET)
+
+    run_virtual(main())
+    assert told == [0.4, 0.8]

@@ -12,7 +12,6 @@ from cell.store.ledger import Ledger
 from cell.wire_recording.reader import read_recording
 from daemon.cli import machine
 from daemon.cli.check import _clauses
-from daemon.cli.probe import beyond_its_speed
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import DemoScene
@@ -397,23 +396,6 @@ def test_a_recording_without_a_probe_is_refused(subject: CommandLine, objects: P
     done = subject("check", "--record", tmp_path / "recording", "-c", objects)
     assert done.code == 2
     assert "--record writes down what --probe does" in done.err
-
-
-@pytest.mark.parametrize(
-    ("own", "told"),
-    [
-        ([2.09, 2.09, 3.14, 3.14, 3.14, 3.14], "lets joint 1, 2 turn by 2.09 rad/s at most"),
-        ([3.34] * 6, ""),
-        (None, ""),
-    ],
-)
-def test_a_limit_above_the_controllers_own_is_warned_of(
-    own: list[float] | None, told: str, tmp_path: Path
-) -> None:
-    config = write_config(tmp_path, limits={"joint_speed_rad_s": 2.5, "workspace": BOX})
-    found = beyond_its_speed(config, {"device": "arm", "joint_speeds_rad_s": own})
-    assert len(found) == bool(told)
-    assert all(told in text for text in found)
 
 
 def test_a_clause_is_broken_where_the_terminal_ends(monkeypatch: pytest.MonkeyPatch) -> None:

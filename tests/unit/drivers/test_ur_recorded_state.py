@@ -1,17 +1,24 @@
 """What a real controller sent, through our parsers and, played as a recording, through the link itself."""
 
 import asyncio
+import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cell.errors import CellError
 from cell.wire_recording.reader import Connection, Record, WireRecording
 from drivers.ur.kinematics import describe
-from drivers.ur.primary import PrimaryLink, PrimarySplitter, Six, parse_joint_speeds, sub_packages
+from drivers.ur.primary import PrimaryLink, PrimarySplitter, Six, parse_joint_limits, sub_packages
 from fakes.object import VirtualClock
 from fakes.object.loop import run_virtual
 from fakes.replay.player import WirePlayer
+from fakes.ur.primary import robot_state
+from fakes.ur.robot import Identity, Robot
+from fakes.world.arm.controller_limits import ControllerLimitsTruth
+from fakes.world.arm.kinematics import chain
+from fakes.world.arm.track import Track
 
 FILE = Path(__file__).parents[2] / "data" / "recordings" / "ur5e_first_state.hex"
 HOST, BEGIN = "127.0.24.1", 500.0
@@ -29,13 +36,43 @@ def test_it_is_the_message_that_its_source_describes() -> None:
     assert [kind for kind, _ in sub_packages(body)] == [0, 1, 4, 5, 9, 3, 2, 6, 7, 8, 10, 11, 12]
 
 
-def test_its_configuration_data_tell_how_fast_its_joints_may_turn() -> None:
-    """191.5 deg/s each; beside them stand 40 rad/s^2 and the two turns of each joint, which fit a UR5e."""
-    ((_, body),) = list(PrimarySplitter().feed(recorded()))
+def configuration(message: bytes) -> bytes:
+    ((_, body),) = list(PrimarySplitter().feed(message))
     (data,) = [part for kind, part in sub_packages(body) if kind == 6]
-    assert parse_joint_speeds(data) == pytest.approx((3.3416,) * 6, abs=1e-4)
+    return data
+
+
+def test_its_configuration_data_tell_how_far_and_how_fast_its_joints_may_turn() -> None:
+    """363 deg each way and 191.5 deg/s each; between the speeds stand 40 rad/s^2, which fit a UR5e."""
+    data = configuration(recorded())
+    found = parse_joint_limits(data)
+    assert found.speeds == pytest.approx((3.3416,) * 6, abs=1e-4)
+    assert np.degrees(found.ranges) == pytest.approx(np.tile([-363.0, 363.0], (6, 1)), abs=1e-6)
     with pytest.raises(CellError, match="configuration data of 100 bytes"):
-        parse_joint_speeds(data[:100])
+        parse_joint_limits(data[:100])
+
+
+def test_a_twin_of_that_arm_tells_the_same_configuration_data() -> None:
+    """But for the numbers that name board, box and subtype."""
+    identity = Identity("ur5e")
+    robot = Robot(identity, Track(0.0, np.zeros(6)), chain("ur5e"), lambda: 0.0)
+    messages = robot_state(robot, robot.instant(0.0)), recorded()
+    ours, theirs = (struct.unpack(">12d12d5d24d4i", configuration(message)) for message in messages)
+    assert ours[:-4] == pytest.approx(theirs[:-4], abs=1e-8)
+    assert ours[-2] == theirs[-2]
+
+
+def test_a_twin_tells_what_was_set_in_its_safety_configuration_and_keeps_to_it() -> None:
+    limits = ControllerLimitsTruth(
+        joint_ranges_rad=[[-1.0, 2.0], *[[-6.0, 6.0]] * 5], joint_speeds_rad_s=[0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    )
+    robot = Robot(Identity(limits=limits), Track(0.0, np.zeros(6)), chain("ur10e"), lambda: 0.0)
+    found = parse_joint_limits(configuration(robot_state(robot, robot.instant(0.0))))
+    assert found.speeds == (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+    assert found.ranges == ((-1.0, 2.0), *((-6.0, 6.0),) * 5)
+    assert robot.arm.within_limits([1.9, 0, 0, 0, 0, 0])
+    assert not robot.arm.within_limits([-1.1, 0, 0, 0, 0, 0])
+    assert not robot.arm.within_limits([0, 6.1, 0, 0, 0, 0])
 
 
 @pytest.mark.wire

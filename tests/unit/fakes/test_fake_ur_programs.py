@@ -118,7 +118,7 @@ def test_a_joint_beyond_its_range_is_a_protective_stop(subject: Stepped) -> None
     subject.robot.arm.track.speed_joints(subject.t, [0, 0, 0, 0, 0, 3.0], 10.0)
     subject.until(lambda: subject.dashboard.answer("safetymode") == "Safetymode: PROTECTIVE_STOP")
     subject.run(1.0)
-    assert abs(subject.q[5]) == pytest.approx(2 * np.pi, abs=0.5)
+    assert abs(subject.q[5]) == pytest.approx(np.deg2rad(363.0), abs=0.5)
     assert not np.any(subject.robot.arm.track.at(subject.t)[1])
 
 

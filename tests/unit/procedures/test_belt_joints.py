@@ -55,7 +55,7 @@ def test_a_line_of_states_gives_what_each_alone_gives(subject: ToolJoints) -> No
         near, speed = subject.joints(state, near)
         assert q == pytest.approx(near, abs=1e-8)
         assert qd == pytest.approx(speed, abs=1e-7)
-    assert subject.fastest(leg, WAIT) >= np.abs(Qd).max() - 0.05
+    assert np.all(subject.fastest(leg, WAIT) >= np.abs(Qd).max(axis=0) - 0.05)
 
 
 def test_a_place_out_of_reach_is_told_with_its_coordinates(subject: ToolJoints) -> None:

@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
+from cell.poses import from_pose6
 from daemon.predictions import setup_of
+from procedures.arm_setup import believed_arm
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
+from procedures.belt.motion.cycle_estimate import CycleEstimate
+from procedures.belt.motion.tool_joints import ToolJoints
 from tests.kit.picking_cell import JOB, picking_config
 
 CLASSIC = {"method": "classic", "follow": False}
@@ -67,3 +71,26 @@ def test_a_tool_that_follows_needs_the_zone_for_its_gripper_too(tmp_path: Path) 
     told = next(text for text in slow["cautions"] if "too short" in text)
     assert "too short for the approach" in told
     assert "T1_s" not in told
+
+
+def estimates(folder: Path, *speeds: float | list[float]) -> list[CycleEstimate]:
+    """Of the picking cell, whose joints may turn so fast."""
+    config = picking_config(folder)
+    values = setup_of(config).values
+    q_wait, q_place = (np.array(values.poses[name]) for name in ("wait", "place"))
+    tool = ToolJoints(believed_arm(values), from_pose6(values.tool["T_flange_tool"]), q_wait)
+    jobs = (BeltTrackingConfig(**config.job[JOB] | {"limits": {"joint_speed_rad_s": one}}) for one in speeds)
+    return [CycleEstimate(job, tool, q_wait, q_place, np.array([1.0, 0.0, 0.0])) for job in jobs]
+
+
+def test_ways_are_planned_within_the_limit_of_each_joint(tmp_path: Path) -> None:
+    one, each, slow = (made.zone_times() for made in estimates(tmp_path, 1.5, [1.5] * 6, [0.3, *[1.5] * 5]))
+    assert one == each
+    assert slow.approach_s > 2.0 * one.approach_s
+
+
+def test_the_joint_that_is_too_slow_to_follow_is_named_with_its_own_limit(tmp_path: Path) -> None:
+    made = estimates(tmp_path, 1.5, [0.2, *[1.5] * 5], [*[1.5] * 5, 0.01])
+    found = [estimate.too_fast_to_follow(0.3) for estimate in made]
+    assert found[0] is None
+    assert [(beyond[0], beyond[2]) for beyond in found[1:] if beyond] == [("base", 0.2), ("wrist 3", 0.01)]

@@ -1,0 +1,96 @@
+"""Joint limits of the cell against those that the arm's own controller tells of itself.
+
+A controller stops an arm that goes beyond its own limits, in the middle of whatever is being measured, and an
+arm that follows set-points faster than it may falls behind without a word.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cell.errors import error
+from cell.joint_limits import JOINTS, per_joint
+from cell.poses import Array
+from daemon.config import CellConfig
+from daemon.supervisor import Supervisor
+
+_ROUNDED = 1e-3  # rad or rad/s: 3.142 is meant to be half a turn
+_OR = "or raise what the robot's own safety configuration allows"
+
+
+def told_by(config: CellConfig, supervisor: Supervisor) -> Mapping[str, Any]:
+    """What the arm of this cell told of itself when it was connected; empty before, and without an arm."""
+    entry = supervisor.devices.get(config.robot.roles().get("arm", ""))
+    return entry.identity.extra if entry is not None and entry.identity is not None else {}
+
+
+def limits_in_use(config: CellConfig, told: Mapping[str, Any]) -> dict[str, Any]:
+    """``[limits]``, with the joint ranges that the controller ``told`` where none are configured."""
+    limits = config.limits.model_dump(mode="json")
+    if limits["joint_ranges_rad"] is None:
+        limits["joint_ranges_rad"] = told.get("joint_ranges_rad")
+    return limits
+
+
+def require_within(limits: Mapping[str, Any], told: Mapping[str, Any]) -> None:
+    """``LIMITS_BEYOND_CONTROLLER`` where ``limits`` allow a joint more than the controller ``told``."""
+    found = [*_too_fast(limits["joint_speed_rad_s"], told), *_too_far(limits["joint_ranges_rad"], told)]
+    if found:
+        raise error("LIMITS_BEYOND_CONTROLLER", "; ".join(found))
+
+
+def _too_fast(wanted: float | Sequence[float], told: Mapping[str, Any]) -> list[str]:
+    if (own := told.get("joint_speeds_rad_s")) is None:
+        return []
+    speeds, own = per_joint(wanted), np.array(own)
+    beyond = [
+        f"joint '{JOINTS[k]}' {speeds[k]:g} rad/s where the controller allows {own[k]:.3f} rad/s"
+        for k in np.flatnonzero(speeds > own + _ROUNDED)
+    ]
+    fitting = [float(f"{v:.3f}") for v in np.minimum(speeds, _down(own))]
+    fix = f"write limits.joint_speed_rad_s = {fitting}, {_OR}"
+    return [f"limits.joint_speed_rad_s allows {', '.join(beyond)}: {fix}"] if beyond else []
+
+
+def _too_far(wanted: Sequence[Sequence[float]] | None, told: Mapping[str, Any]) -> list[str]:
+    if wanted is None or (own := told.get("joint_ranges_rad")) is None:
+        return []
+    ranges, own = np.array(wanted, dtype=float), np.array(own, dtype=float)
+    beyond = [
+        f"joint '{JOINTS[k]}' {_from_to(ranges[k])} where the controller allows {_from_to(own[k])}"
+        for k in np.flatnonzero((ranges[:, 0] < own[:, 0] - _ROUNDED) | (ranges[:, 1] > own[:, 1] + _ROUNDED))
+    ]
+    low, high = np.maximum(ranges[:, 0], -_down(-own[:, 0])), np.minimum(ranges[:, 1], _down(own[:, 1]))
+    fitting = [[float(f"{a:.3f}"), float(f"{b:.3f}")] for a, b in zip(low, high, strict=True)]
+    fix = f"write limits.joint_ranges_rad = {fitting}, {_OR}"
+    return [f"limits.joint_ranges_rad allows {', '.join(beyond)}: {fix}"] if beyond else []
+
+
+def narrower_than_planned(config: CellConfig, told: Mapping[str, Any]) -> list[str]:
+    """What is said of joints that the controller turns less far than the arm's model does, where no range is
+    configured: jobs keep to that, and only a check without the arm does not know it."""
+    own = told.get("joint_ranges_rad")
+    if own is None or config.limits.joint_ranges_rad is not None:
+        return []
+    from calibration.kinematics import (
+        robot_from_spec,
+    )  # SciPy, which a probe without an arm need not wait for
+
+    model, own = robot_from_spec(config.robot.robot_spec()).joint_limits, np.array(own, dtype=float)
+    less = (own[:, 0] > model[:, 0] + _ROUNDED) | (own[:, 1] < model[:, 1] - _ROUNDED)
+    joints = ", ".join(f"joint '{JOINTS[k]}' {_from_to(own[k])}" for k in np.flatnonzero(less))
+    words = (
+        f"the controller allows {joints}, which is less than the arm can: jobs keep to it; write it as "
+        "limits.joint_ranges_rad, and predictions of 'cellward check' keep to it, too"
+    )
+    return [words] if joints else []
+
+
+def _down(limit: Array) -> Array:
+    """A thousandth below, where rounding would end beyond."""
+    return np.floor(limit * 1e3) / 1e3
+
+
+def _from_to(ends: Array) -> str:
+    return f"from {ends[0]:.3f} to {ends[1]:.3f} rad"

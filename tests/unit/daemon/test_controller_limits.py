@@ -1,0 +1,133 @@
+"""Joint limits of the cell against those of the arm's own controller: at a start, and in a probe."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.errors import CellError
+from daemon.cli.probe import judge_limits
+from daemon.config import CellConfig
+from daemon.controller_limits import require_within
+from daemon.values import resolve_values
+from fakes.object import run_virtual
+from tests.kit.object_cell import ObjectCell, open_cell, write_config
+
+BOX = [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}]
+TURN = [-6.336, 6.336]  # what a controller tells as delivered
+TOLD = {
+    "joint_speeds_rad_s": [2.294, 2.294, 3.342, 3.342, 3.342, 3.342],
+    "joint_ranges_rad": [[-1.5708, 1.5708], *[TURN] * 5],
+}
+HALF = [[-1.7, 1.0], *[[-3.0, 3.0]] * 5]
+
+
+def refusal(limits: dict[str, Any], told: dict[str, Any] = TOLD) -> str:
+    with pytest.raises(CellError) as caught:
+        require_within({"joint_speed_rad_s": 0.8, "joint_ranges_rad": None, **limits}, told)
+    assert caught.value.name == "LIMITS_BEYOND_CONTROLLER"
+    return caught.value.detail
+
+
+def test_each_joint_that_would_be_too_fast_is_named_with_the_limit_that_fits() -> None:
+    assert refusal({"joint_speed_rad_s": 2.5}) == (
+        "limits.joint_speed_rad_s allows joint 'base' 2.5 rad/s where the controller allows 2.294 rad/s, "
+        "joint 'shoulder' 2.5 rad/s where the controller allows 2.294 rad/s: write limits.joint_speed_rad_s "
+        "= [2.294, 2.294, 2.5, 2.5, 2.5, 2.5], or raise what the robot's own safety configuration allows"
+    )
+
+
+def test_a_range_beyond_the_controllers_is_named_with_the_one_that_fits() -> None:
+    assert refusal({"joint_ranges_rad": HALF}) == (
+        "limits.joint_ranges_rad allows joint 'base' from -1.700 to 1.000 rad where the controller allows "
+        "from -1.571 to 1.571 rad: write limits.joint_ranges_rad = [[-1.57, 1.0], [-3.0, 3.0], [-3.0, 3.0], "
+        "[-3.0, 3.0], [-3.0, 3.0], [-3.0, 3.0]], or raise what the robot's own safety configuration allows"
+    )
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"joint_speed_rad_s": [2.294, 2.2, 3.3, 3.3, 3.3, 3.3]},
+        {"joint_ranges_rad": [[-1.571, 1.0], *[[-6.3, 6.3]] * 5]},  # a quarter of a turn, rounded
+        {"joint_ranges_rad": None},
+    ],
+)
+def test_what_is_within_passes(limits: dict[str, Any]) -> None:
+    require_within({"joint_speed_rad_s": 0.8, "joint_ranges_rad": None, **limits}, TOLD)
+
+
+def test_what_is_written_as_the_fix_passes() -> None:
+    speeds = refusal({"joint_speed_rad_s": 3.0}).split("= ")[1].split(", or")[0]
+    ranges = refusal({"joint_ranges_rad": HALF}).split("= ")[1].split(", or")[0]
+    require_within({"joint_speed_rad_s": json.loads(speeds), "joint_ranges_rad": json.loads(ranges)}, TOLD)
+
+
+def test_an_arm_that_tells_nothing_is_judged_by_nothing() -> None:
+    require_within({"joint_speed_rad_s": 9.0, "joint_ranges_rad": HALF}, {})
+
+
+def cell_with(tmp_path: Path, limits: dict[str, Any], **told: Any) -> CellConfig:
+    """The shipped cell ``hand_eye`` whose controller was given these limits."""
+    text = files("fakes").joinpath("scenarios/hand_eye.toml").read_text("utf-8")
+    lines = "".join(f"{key} = {value}\n" for key, value in told.items())
+    path = tmp_path / "scenario.toml"
+    path.write_text(f"{text}\n[world.arm.controller_limits]\n{lines}", "utf-8")
+    return write_config(tmp_path, str(path), limits={"workspace": BOX, **limits})
+
+
+def with_cell(config: CellConfig, look: Any) -> Any:
+    async def main() -> Any:
+        async with open_cell(config) as cell:
+            return await look(cell)
+
+    return run_virtual(main())
+
+
+def test_a_start_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    config = cell_with(tmp_path, {"joint_speed_rad_s": 0.8}, joint_speeds_rad_s=[0.5, *[3.0] * 5])
+
+    async def look(cell: ObjectCell) -> CellError | None:
+        return await cell.engine.obstacle("cone-capture")
+
+    found = with_cell(config, look)
+    assert found is not None
+    assert found.name == "LIMITS_BEYOND_CONTROLLER"
+    assert "joint 'base' 0.8 rad/s where the controller allows 0.500 rad/s" in found.detail
+
+
+def test_without_ranges_of_its_own_a_run_keeps_to_those_of_the_controller(tmp_path: Path) -> None:
+    narrow = [[-1.0, 1.0], *[[-6.3, 6.3]] * 5]
+    config = cell_with(tmp_path, {}, joint_ranges_rad=narrow)
+
+    async def resolved(cell: ObjectCell) -> Any:
+        return resolve_values(config, cell.engine.ledger, cell.engine.context.supervisor, {"arm"}, None)
+
+    assert with_cell(config, resolved).limits["joint_ranges_rad"] == narrow
+
+
+@pytest.mark.parametrize(
+    ("limits", "exit_code", "doubt"),
+    [
+        (
+            {"joint_speed_rad_s": 2.5},
+            2,
+            "joint 'base' from -1.571 to 1.571 rad, which is less than the arm can",
+        ),
+        ({}, 0, "write it as limits.joint_ranges_rad"),
+        ({"joint_ranges_rad": [[-1.5, 1.5], *[[-3.0, 3.0]] * 5]}, 0, ""),
+        ({"joint_ranges_rad": HALF}, 2, ""),
+    ],
+)
+def test_a_probe_finds_limits_beyond_the_controllers(
+    limits: dict[str, Any], exit_code: int, doubt: str, tmp_path: Path
+) -> None:
+    config = write_config(tmp_path, limits={"workspace": BOX, **limits})
+    report: dict[str, Any] = {"device": "arm", "answer": "ok", "exit_code": 0, "doubts": [], **TOLD}
+    judge_limits(config, report)
+    assert report["exit_code"] == exit_code
+    assert ("(4009)" in report["answer"]) == bool(exit_code)
+    assert len(report["doubts"]) == bool(doubt)
+    assert all(doubt in text for text in report["doubts"])
