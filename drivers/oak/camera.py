@@ -108,10 +108,8 @@ class OakCamera(SampledDevice):
         Without a connection the choice is kept for the next one.
         """
         before, self._target = self._target, target
-        if self._link is None:
-            return
         try:
-            await self._link.request({"type": "target", "target": target}, _TARGET_TIMEOUT_S)
+            await self._choose({"type": "target", "target": target}, refusable=target is not None)
         except BaseException:
             self._target = before
             raise
@@ -122,10 +120,8 @@ class OakCamera(SampledDevice):
         Without a connection the choice is kept for the next one.
         """
         before, self._items = self._items, spec
-        if self._link is None:
-            return
         try:
-            await self._link.request({"type": "items", "items": spec}, _TARGET_TIMEOUT_S)
+            await self._choose({"type": "items", "items": spec}, refusable=spec is not None)
         except BaseException:
             self._items = before
             raise
@@ -143,6 +139,16 @@ class OakCamera(SampledDevice):
         return [frame_from_json(frame) for frame in answer["frames"]]
 
     # -- inside
+
+    async def _choose(self, message: Message, refusable: bool) -> None:
+        """Tell the child. One that still opens its camera answers only then: where it cannot refuse, nobody
+        waits for that."""
+        if self._link is None:
+            return
+        if refusable or self._ready.done():
+            await self._link.request(message, _TARGET_TIMEOUT_S)
+        else:
+            self._link.tell(message)
 
     def _connected(self) -> ChildLink:
         if self._link is None:

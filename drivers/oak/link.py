@@ -81,11 +81,14 @@ class ChildLink:
             self._tap.sent(data)
             self._writer.write(data)
 
+    def tell(self, message: Message) -> None:
+        """Send a command of which nobody awaits the answer."""
+        self.send({**message, "id": self._next_number()})
+
     async def request(self, message: Message, timeout: float) -> Message:
         """Send ``message`` and return the answer; its error, the loss of the link, or ``CALL_TIMEOUT``."""
         self._life.require()
-        self._number += 1
-        number = self._number
+        number = self._next_number()
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._requests[number] = answer
         self.send({**message, "id": number})
@@ -101,6 +104,10 @@ class ChildLink:
         if "error" in reply:
             raise error_from_json(reply["error"])
         return reply
+
+    def _next_number(self) -> int:
+        self._number += 1
+        return self._number
 
     def lose(self, failure: CellError) -> None:
         """End the link with ``failure``; the first error stays, and is that of every request."""

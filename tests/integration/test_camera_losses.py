@@ -157,12 +157,25 @@ def test_a_missing_frame_server_is_unreachable(tmp_path: Path) -> None:
     assert "none.sock" in found.detail
 
 
-def test_a_camera_that_never_sends_is_unreachable_in_time(twin: Twin) -> None:
+def test_a_camera_that_never_sends_is_unreachable_in_time_and_what_is_no_longer_looked_for_waits_not_for_it(
+    twin: Twin,
+) -> None:
     twin.faults.inject(Fault.SILENCE, {})
-    start = time.monotonic()
-    found = unopenable(source=f"frames+unix://{twin.path}", open_timeout_s=4.0)
-    assert found.name == "DEVICE_UNREACHABLE"
-    assert time.monotonic() - start < 8.0
+    subject = camera(twin, open_timeout_s=4.0)
+
+    async def body() -> None:
+        start = time.monotonic()
+        opening = asyncio.create_task(subject.open())
+        await asyncio.sleep(0.5)
+        await subject.set_items(None)
+        await subject.set_target(None)
+        assert not opening.done(), "who ends a run does not wait for a camera that comes back"
+        with pytest.raises(CellError) as found:
+            await opening
+        assert found.value.name == "DEVICE_UNREACHABLE"
+        assert time.monotonic() - start < 8.0
+
+    asyncio.run(body())
 
 
 def test_an_absent_oak_is_unreachable_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
