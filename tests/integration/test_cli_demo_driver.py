@@ -1,5 +1,6 @@
 """The demo's driver from start to end, against stand-ins for the two commands that it starts."""
 
+import json
 import os
 import signal
 import socket
@@ -17,7 +18,11 @@ from daemon.demo.steps import CONE_CAPTURE
 from daemon.demo.wire import run_wire as run_steps
 
 STEPS = [CONE_CAPTURE]
-STAND_INS = Path(__file__).with_name("demo_stand_ins.py")
+STAND_INS = {
+    "cellward-twin": Path(__file__).with_name("demo_twin_stand_in.py"),
+    "cellward": Path(__file__).with_name("demo_daemon_stand_in.py"),
+}
+TRUTH = {"T_flange_camera": [0.006, -0.0864, 0.0548, 0.0, 0.0, 0.0]}
 pytestmark = pytest.mark.wire
 
 
@@ -28,10 +33,10 @@ def run_wire(folder: Path) -> int:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of the demo's first twin; its commands are the stand-ins."""
-    for command, what in (("cellward-twin", "twin"), ("cellward", "daemon")):
+    for command, stand_in in STAND_INS.items():
         script = tmp_path / "bin" / command
         script.parent.mkdir(exist_ok=True)
-        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{STAND_INS}" {what} "$@"\n')
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{stand_in}" "$@"\n')
         script.chmod(0o755)
     monkeypatch.setattr(wire, "console_script", lambda name: tmp_path / "bin" / name)
     demo = tmp_path / "out" / CONE_CAPTURE.twin
@@ -39,12 +44,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with socket.socket() as free:
         free.bind(("127.0.0.11", 0))
         (demo / "port").write_text(str(free.getsockname()[1]))
+    (demo / "truth.json").write_text(json.dumps(TRUTH))
     (demo / "mode").write_text("complete")
     return demo
 
 
 def children() -> list[psutil.Process]:
-    return [c for c in psutil.Process().children(recursive=True) if "demo_stand_ins" in " ".join(c.cmdline())]
+    return [c for c in psutil.Process().children(recursive=True) if "_stand_in.py" in " ".join(c.cmdline())]
 
 
 def test_a_good_run_ends_with_0_and_shows_the_answer_beside_the_truth(

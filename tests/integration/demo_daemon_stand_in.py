@@ -1,7 +1,7 @@
-"""Stand-ins for the two commands that the demo starts: a run takes a second instead of minutes.
+"""Stands in for ``cellward`` as the demo starts it: a run takes a second instead of minutes.
 
-Run as ``demo_stand_ins.py twin|daemon ARGUMENTS``; what the daemon does is told by the file ``mode`` in the
-demo's folder: complete, beyond (an answer far from the truth), hold (until it is resumed), abort, or die.
+What it does is told by the file ``mode`` in the demo's folder: complete, beyond (an answer far from the
+truth), hold (until it is resumed), abort, or die.
 """
 
 import asyncio
@@ -21,24 +21,8 @@ from daemon.config import ModbusSection
 from daemon.modbus import Command, ModbusFace
 
 STORED = Path(__file__).parents[1] / "kit" / "stored_results" / "hand-eye-01.json"
-TRUTH = {"T_flange_camera": [0.006, -0.0864, 0.0548, 0.0, 0.0, 0.0]}
 PROMPT = 0x70001
 BUSY_BIT, READY_BITS = 2, 1 | 1 << 7 | 1 << 8
-
-
-def twin(words: list[str]) -> None:
-    folder = Path(words[words.index("--out") + 1])
-    if words[0] == "truth":
-        print(json.dumps(TRUTH))
-    elif words[0] == "operator":
-        with (folder / "placed").open("a") as file:
-            file.write(f"{words[2]}\n")
-    else:
-        (folder / "twin.sock").unlink(missing_ok=True)
-        bind = f"127.0.0.11:{(folder / 'port').read_text()}"
-        (folder / "cell.new").write_text(f'[cell]\nstate_dir = "{folder}/state"\n[modbus]\nbind = "{bind}"\n')
-        (folder / "cell.new").rename(folder / "cell.toml")
-        signal.pause()
 
 
 class Daemon:
@@ -46,6 +30,7 @@ class Daemon:
 
     def __init__(self, folder: Path, bind: str) -> None:
         self.mode = (folder / "mode").read_text()
+        self.truth = json.loads((folder / "truth.json").read_text())["T_flange_camera"]
         self.run = RunFolder.create(folder / "state" / "runs", "cone-capture", 7, {}, MonotonicClock())
         self.confirmed, self.resumed = asyncio.Event(), asyncio.Event()
         self.status: dict[str, Any] = {"status": READY_BITS, "packml_state": 4}
@@ -91,7 +76,7 @@ class Daemon:
             self.run.finish({"outcome": "aborted", "error": error("BOARD_NOT_SEEN", "at pose 3").as_dict()})
             return
         off = 1e-3 if self.mode == "beyond" else 5e-5
-        pose = np.array(TRUTH["T_flange_camera"]) + np.array([off, 0, 0, 0, 0, 0])
+        pose = np.array(self.truth) + np.array([off, 0, 0, 0, 0, 0])
         cov = np.diag([1e-8] * 6).tolist()
         answer = {"T_flange_camera": pose.tolist(), "cov": cov, "rejected": []}
         result = json.loads(STORED.read_text("utf-8"))
@@ -112,4 +97,4 @@ def daemon(words: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    {"twin": twin, "daemon": daemon}[sys.argv[1]](sys.argv[2:])
+    daemon(sys.argv[1:])
