@@ -29,7 +29,7 @@ LIMITS = """
 speed_m_s = 1.0
 accel_m_s2 = 5.0
 joint_speed_rad_s = [2.0, 2.0, 3.0, 3.0, 3.0, 3.0]
-joint_accel_rad_s2 = 12.0
+joint_accel_rad_s2 = 24.0
 workspace = [{ min = [-1.4, -1.4, 0.0], max = [1.4, 1.4, 1.8] }]
 """
 SECTION = """
@@ -73,8 +73,8 @@ T_base_tracker_nominal = {nominal_tracker("tracker")}
 
 
 def scenario() -> str:
-    """The shipped one with short plans and brisk moves; its truth stays as it is."""
-    text = ideal_text("tracker")
+    """The shipped one with short plans, brisk moves and quick searches; what is true in it stays as it is."""
+    text = ideal_text("tracker").replace("[world.tracker]\n", "[world.tracker]\nsearch_s = 0.05\n")
     text = text.split("[cell.limits]")[0]
     return text + LIMITS + SECTION.format(place=nominal_tracker("tracker")) + ISO9283
 
