@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.joint_errors import JointErrors, of_gears, of_sag
 from calibration.kinematics.parametric import ParametricArm
-from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import Prior
 from cell.poses import Array, adjoint
 
@@ -68,7 +68,8 @@ def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:
 def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
     """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity."""
     errors = joint_errors(chain)
-    at_flange = _into_flange(chain.flange(Q), chain.jacobians(Q))[:, :, errors.joint]
+    frames = chain.frames(Q)
+    at_flange = _into_flange(frames[:, -1], chain.jacobians(frames))[:, :, errors.joint]
     columns = np.concatenate([at_flange * wave.T[:, None] for wave in errors.waves(Q)], axis=2)
     free = free_amplitudes(errors)
     names = tuple(name for name, is_free in zip(errors.amplitudes, free, strict=True) if is_free)

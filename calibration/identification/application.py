@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.kinematics.chain import pose_gap
+from calibration.kinematics.chain import SerialChain, pose_gap
 from calibration.kinematics.families import arm_spec
-from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 
@@ -134,7 +133,8 @@ def _descend(chain: SerialChain, goals: Array, start: Array, level: bool) -> tup
 
 
 def _gap(chain: SerialChain, goals: Array, q: Array, level: bool) -> tuple[Array, Array]:
-    T, J = chain.flange(q), chain.jacobians(q)
+    frames = chain.frames(q)
+    T, J = frames[:, -1], chain.jacobians(frames)
     if not level:
         return pose_gap(goals, T), J
     x = T[:, :3, 0]

@@ -11,9 +11,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import ur_chain
 from calibration.kinematics.hayati import in_dh_form
-from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur import DhDeltas
 from cell.poses import Array
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.kinematics.chain import Walk
 from calibration.kinematics.families import ArmSpec
 from calibration.kinematics.parametric import Kind, ParametricArm
-from calibration.kinematics.serial import Walk
 from cell.poses import Array
 
 REGISTRATION = 6  # a turn about base x, y, z and a shift along them

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.kinematics.chain import DhChain, pose_gap
+from calibration.kinematics.chain import SerialChain, pose_gap
 from calibration.kinematics.inverse import converge, nearest_turns, polish
 from cell.arm_model import Capsule, LinkShape
 from cell.errors import error
@@ -29,22 +29,22 @@ class ChainArm(ABC):
     def __init__(
         self,
         name: str,
-        nominal: DhChain,
-        chain: DhChain,
+        nominal: SerialChain,
+        chain: SerialChain,
         limits: Array,
         links: Sequence[LinkShape],
         reach_after: Array,
     ) -> None:
         self._name, self._nominal, self._chain = name, nominal, chain
         self._limits, self._links, self._reach = limits, tuple(links), reach_after
-        self._latest: dict[DhChain, tuple[Array, Array]] = {}  # joints and frames that were asked for last
+        self._latest: dict[SerialChain, tuple[Array, Array]] = {}  # joints and frames asked for last
 
     @property
     def name(self) -> str:
         return self._name
 
     @property
-    def chain(self) -> DhChain:
+    def chain(self) -> SerialChain:
         """The DH chain in use, factory deltas or what was measured included."""
         return self._chain
 
@@ -76,7 +76,7 @@ class ChainArm(ABC):
         return arm
 
     @abstractmethod
-    def measured(self, chain: DhChain) -> Self:
+    def measured(self, chain: SerialChain) -> Self:
         """This arm with its flange where ``chain``, as it was measured, has it."""
 
     @abstractmethod
@@ -134,7 +134,7 @@ class ChainArm(ABC):
             near = q
         return np.array(line)
 
-    def _frames(self, chain: DhChain, Q: Array) -> Array:
+    def _frames(self, chain: SerialChain, Q: Array) -> Array:
         """``chain.frames(Q)``, read-only: flange, links and Jacobian are asked for one after the other."""
         latest = self._latest.get(chain)
         if latest is not None and np.array_equal(latest[0], Q):

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.hayati import with_near_frames
 from calibration.kinematics.joint_errors import JointErrors
 from calibration.kinematics.palletizer import palletizer
 from calibration.kinematics.parametric import Kind, ParametricArm
-from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur_models import ALPHA, UR_MODELS
 from cell.errors import error
 from cell.formats.robot import (
@@ -204,7 +204,7 @@ def _named(robot: NamedRobot, where: str) -> ParametricArm:
 def ur_chain(name: str) -> SerialChain:
     """The published arm of Universal Robots."""
     model, none = UR_MODELS[name], np.zeros(6)
-    return SerialChain(none, model.d, model.a, ALPHA.copy(), none, np.zeros(6, dtype=bool), np.eye(6))
+    return SerialChain(none, model.d, model.a, ALPHA.copy())
 
 
 def _serial(robot: SerialRobot) -> ParametricArm:
@@ -237,6 +237,6 @@ def _serial6(robot: Serial6Robot) -> ParametricArm:
     theta, d, a, alpha = (
         np.array([getattr(link, key) for link in robot.links]) for key in ("theta", "d", "a", "alpha")
     )
-    chain = SerialChain(theta, d, a, alpha, np.zeros(6), np.zeros(6, dtype=bool), np.eye(6))
+    chain = SerialChain(theta, d, a, alpha)
     straight = [i for i in range(5) if abs(np.sin(alpha[i])) < NEAR_PARALLEL]
     return chain_parameters(chain, straight, [], "serial6")

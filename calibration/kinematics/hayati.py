@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.kinematics.serial import SerialChain
+from calibration.kinematics.chain import SerialChain
 from cell.poses import Array
 
 _PARALLEL = 1e-9  # rad; below it the common normal may lie anywhere

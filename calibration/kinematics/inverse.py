@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.kinematics.chain import DhChain, pose_gap
+from calibration.kinematics.chain import SerialChain, pose_gap
 from cell.poses import Array
 
 TOLERANCE = 1e-10  # m and rad: far below what an arm resolves, far above rounding
@@ -12,14 +12,14 @@ _MAX_STEP = 0.5  # rad; a start near a singularity must slow down instead of lea
 _SAME = 1e-6  # rad; two solutions closer than this are one
 
 
-def polish(chain: DhChain, goal: Array, starts: Array) -> Array:
+def polish(chain: SerialChain, goal: Array, starts: Array) -> Array:
     """(k, 6): where Newton steps take the ``starts`` (m, 6); without those that miss ``goal`` (4, 4)."""
     q, reached = converge(chain, np.broadcast_to(goal, (len(starts), 4, 4)), starts)
     found: Array = q[reached]
     return found
 
 
-def converge(chain: DhChain, goals: Array, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+def converge(chain: SerialChain, goals: Array, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Where Newton steps take each of ``starts`` (m, 6) on the way to its goal (m, 4, 4), and who got there.
 
     Damped least squares (Nakamura and Hanafusa 1986) with a damping that vanishes with the error: it stays

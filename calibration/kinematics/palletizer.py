@@ -14,8 +14,8 @@ turned. At home q2 is 90 and q3 is -90 degrees.
 
 import numpy as np
 
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.parametric import Kind, ParametricArm
-from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import PalletizerParameters
 
 NAMES = ("a1", "a2", "a3", "a4", "a5", "d1", "d5", "k1", "k2", "k3", "k5", "t1", "t2", "t3", "t5")

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.kinematics.chain import SerialChain, Walk, cross
 from calibration.kinematics.joint_errors import JointErrors
-from calibration.kinematics.serial import SerialChain, Walk, cross
 from cell.poses import Array
 
 Kind = Literal["length", "angle", "ratio"]

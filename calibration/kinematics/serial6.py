@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.kinematics.chain import DhChain
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.chain_arm import ChainArm, rows
 from calibration.kinematics.inverse import distinct, polish
 from cell.arm_model import LinkShape
@@ -21,11 +21,11 @@ _STARTS = 7  # two to this power; a spherical wrist has eight branches
 class Serial6Arm(ChainArm):
     """The arm of a ROBOT of family ``serial6``; ``measured`` is the chain that a calibration found."""
 
-    def __init__(self, robot: Serial6Robot, measured: DhChain | None = None) -> None:
+    def __init__(self, robot: Serial6Robot, measured: SerialChain | None = None) -> None:
         theta, d, a, alpha = (
             np.array([getattr(link, key) for link in robot.links]) for key in ("theta", "d", "a", "alpha")
         )
-        nominal = DhChain(theta, d, a, alpha)
+        nominal = SerialChain(theta, d, a, alpha)
         capsules = robot.capsules
         self._robot = robot
         self._frame = np.array([c.joints for c in capsules])
@@ -39,7 +39,7 @@ class Serial6Arm(ChainArm):
             self._reach_after(nominal),
         )
 
-    def measured(self, chain: DhChain) -> "Serial6Arm":
+    def measured(self, chain: SerialChain) -> "Serial6Arm":
         return Serial6Arm(self._robot, chain)
 
     def link_ends(self, Q: Array) -> Array:
@@ -53,7 +53,7 @@ class Serial6Arm(ChainArm):
         starts = low + (high - low) * _even()
         return distinct(list(polish(self._chain, goal, starts)))
 
-    def _reach_after(self, nominal: DhChain) -> Array:
+    def _reach_after(self, nominal: SerialChain) -> Array:
         """(6,) m: an upper bound, the lengths of the links after each joint and what capsules add."""
         lengths = np.hypot(nominal.d, nominal.a)
         beyond = np.zeros(7)

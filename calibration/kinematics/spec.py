@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from calibration.kinematics.chain import DhChain
 from calibration.kinematics.chain_arm import ChainArm
 from calibration.kinematics.families import arm_spec
 from calibration.kinematics.serial6 import Serial6Arm
@@ -72,11 +71,11 @@ def measured_arm(
     """
     nominal = _chain_arm(believed)
     chain = arm_spec(parse_robot(measured, "kinematics.robot"), "kinematics.robot").arm.base
-    if chain.coupling.shape != (6, 6) or not np.array_equal(chain.coupling, np.eye(6)) or chain.sliding.any():
+    if len(chain.theta) != 6 or not chain.plain:
         raise error(
             "DATA_INVALID", "kinematics.robot: an arm that is moved has six joints, each with its own link"
         )
-    arm = nominal.measured(DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta, chain.errors))
+    arm = nominal.measured(chain)
     Q = np.array([np.full(6, 0.3), np.full(6, -1.2)])
     apart = np.linalg.norm(arm.forward_many(Q).translation - nominal.forward_many(Q).translation, axis=1)
     if float(apart.max()) > _SAME_ARM_M:

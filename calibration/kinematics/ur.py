@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibration.kinematics.chain import DhChain
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.chain_arm import ChainArm, rows
 from calibration.kinematics.inverse import distinct, polish
 from calibration.kinematics.ur_inverse import branches
@@ -38,15 +38,17 @@ class UrArmModel(ChainArm):
     ``measured`` is the chain that a tracker found, deltas and all. The metal stays where the drawing has it.
     """
 
-    def __init__(self, name: str, deltas: DhDeltas | None = None, measured: DhChain | None = None) -> None:
+    def __init__(
+        self, name: str, deltas: DhDeltas | None = None, measured: SerialChain | None = None
+    ) -> None:
         model = UR_MODELS[name]
-        nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
+        nominal = SerialChain(np.zeros(6), model.d, model.a, ALPHA)
         chain = measured or (nominal if deltas is None else _shifted(nominal, deltas))
         super().__init__(name, nominal, chain, JOINT_LIMITS, _link_shapes(model.radii), _reach_after(model))
         self._model = model
         self.calibrated = deltas is not None or measured is not None
 
-    def measured(self, chain: DhChain) -> "UrArmModel":
+    def measured(self, chain: SerialChain) -> "UrArmModel":
         return UrArmModel(self._name, measured=chain)
 
     def link_ends(self, Q: Array) -> Array:
@@ -78,10 +80,10 @@ class UrArmModel(ChainArm):
         return distinct(list(polish(self._chain, goal, starts))) if len(starts) else []
 
 
-def _shifted(nominal: DhChain, deltas: DhDeltas) -> DhChain:
+def _shifted(nominal: SerialChain, deltas: DhDeltas) -> SerialChain:
     if not any(delta.any() for delta in vars(deltas).values()):
         return nominal
-    return DhChain(
+    return SerialChain(
         nominal.theta + deltas.delta_theta,
         nominal.d + deltas.delta_d,
         nominal.a + deltas.delta_a,

@@ -8,8 +8,8 @@ import numpy as np
 
 from calibration.identification.exports import UR_WARNING, last_to_flange, ros_kinematics, ur_deltas
 from calibration.identification.exports import urdf as chain_urdf
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import ArmSpec, arm_spec
-from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur_models import JOINT_LIMITS
 from cell.formats.robot import parse_robot
 from daemon.cli.export_source import Exported

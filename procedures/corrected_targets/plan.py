@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.identification.application import chain_of, goals_from_yaw, reach, yaw_of
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import arm_spec
-from calibration.kinematics.serial import SerialChain
 from cell.errors import error
 from cell.formats.corrected_targets import PlannedTarget
 from cell.formats.robot import parse_robot

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.identification.application import chain_of, reach
 from calibration.iso9283 import five_places, other_corners
-from calibration.kinematics.serial import SerialChain
+from calibration.kinematics.chain import SerialChain
 from cell.errors import CellError, error
 from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6, to_pose6

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.kinematics import UR_MODELS, UrArmModel
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import ArmSpec
-from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import NamedRobot
 from cell.guard import MotionGuard
 from cell.poses import Array

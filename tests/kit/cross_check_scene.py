@@ -114,7 +114,7 @@ def tool_in_beams(rng: np.random.Generator, cell: World, what: Change) -> SeenTo
     R = MODEL.base.flange(Q_BEAMS[None])[0][:3, :3]
     moved = (now[:3, :3] @ (TIP + what.tool) + now[:3, 3]) - (then[:3, :3] @ TIP + then[:3, 3])
     noise = BEAM_M * rng.normal(size=(2, 3))
-    J = MODEL.base.jacobians(Q_BEAMS[None])[0]
+    J = MODEL.base.jacobians(MODEL.base.frames(Q_BEAMS[None]))[0]
     by_joints = R.T @ (J[:3] + np.cross(J[3:].T, R @ TIP).T)
     return SeenTool(R.T @ moved + noise[1] - noise[0], 2.0 * BEAM_M**2 * np.eye(3), by_joints)
 

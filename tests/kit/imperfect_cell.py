@@ -17,8 +17,8 @@ from calibration.adjustment.gauge import base_and_flange
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements
 from calibration.hand_eye.views import CornerSet
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import arm_spec
-from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur import UrArmModel
 from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot

@@ -11,8 +11,8 @@ from calibration.identification.estimator import Problem
 from calibration.identification.model import Model, make_model
 from calibration.identification.registration import robust_register
 from calibration.identification.solution import Solution
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import ArmSpec, arm_spec
-from calibration.kinematics.serial import SerialChain
 from cell.errors import error
 from cell.formats.kincal import SCHEMA, Kincal
 from cell.formats.reading import parse, read_json

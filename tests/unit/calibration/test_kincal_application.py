@@ -14,8 +14,8 @@ from calibration.identification.selection import choose_poses, source_rule
 from calibration.identification.solution import identify
 from calibration.identification.workspace import forecast, places, radius95
 from calibration.kinematics import UrArmModel
+from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import arm_spec, ur_chain
-from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 from tests.kit.kincal_scene import joints, make_scene
