@@ -237,6 +237,16 @@ _ALL = (
         expectation="procedures.corrected_targets.expectation:targets_expectation",
     ),
     Kind(
+        name="touch-test",
+        words="procedures.touch_test.words:touch_lines",
+        result="procedures.touch_test.result:TouchResult",
+        data_file="touch-test.json",
+        jobs=("procedures.touch_test.procedure:TouchTest",),
+        report="procedures.touch_test.report:TOUCH",
+        solve="procedures.touch_test.judging:solve_touch_test",
+        expectation="procedures.touch_test.expectation:touch_expectation",
+    ),
+    Kind(
         name="cross-check",
         words="procedures.cross_check.words:cross_check_lines",
         result="procedures.cross_check.result:CrossCheckResult",

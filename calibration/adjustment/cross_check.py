@@ -1,9 +1,10 @@
 """Which part of a cell has changed: tool, camera, or a joint's zero, or none, or who can tell.
 
 The cell is measured twice: a target before the camera, then and now, and the tool in the beams, now against
-then; a tracker may have seen the arm of now. All of it is one adjustment with the camera's pose and the arm's
-numbers as common unknowns; a change of the tool, of the camera or of one joint's zero is an unknown with a
-prior that says: nothing happened. A hypothesis is that the prior of one part is wrong, and wide instead. What
+then; a tracker may have seen the arm of now, and the tool's point may have stood over a target that the
+camera of now has located. All of it is one adjustment with the camera's pose and the arm's numbers as common
+unknowns; a change of the tool, of the camera or of one joint's zero is an unknown with a prior that says:
+nothing happened. A hypothesis is that the prior of one part is wrong, and wide instead. What
 hypotheses are worth is their marginal likelihood (the evidence of MacKay 1992; a score test where one of them
 is far ahead), in which a part with many unknowns pays for them. A change that is constant to the tool,
 constant to the base, or varying with the joints shows as such in both measurements together.
@@ -17,6 +18,7 @@ import numpy as np
 
 from calibration.adjustment.arm_by_tracker import SeenArm
 from calibration.adjustment.hand_eye import Adjusted
+from calibration.adjustment.touch import SeenTouch
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
 from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Setup
@@ -94,11 +96,12 @@ def cross_check(
     tool: SeenTool | None,
     names: Sequence[str],
     arm: SeenArm | None = None,
+    touch: SeenTouch | None = None,
 ) -> CrossChecked:
     """``names`` (a,) are those of the arm's numbers; the zero of joint k is the number ``theta<k + 1>``.
-    ``arm``: what a tracker tells of the arm of now."""
+    ``arm``: what a tracker tells of the arm of now; ``touch``: a touch test, by the adjustment of ``now``."""
     joints = [k for k in range(len(names)) if f"theta{k + 1}" in names]
-    cell = _Cell(then, now, tool, [list(names).index(f"theta{k + 1}") for k in joints], arm)
+    cell = _Cell(then, now, tool, [list(names).index(f"theta{k + 1}") for k in joints], arm, touch)
     hypotheses = cell.hypotheses()
     evidence = {name: cell.evidence(sigma) for name, (sigma, _) in hypotheses.items()}
     best = max(evidence.values())
@@ -132,6 +135,7 @@ class _Cell:
         tool: SeenTool | None,
         zeros: Sequence[int],
         arm: SeenArm | None,
+        touch: SeenTouch | None,
     ) -> None:
         a, j = len(then.numbers), len(zeros)
         self.camera = slice(_POSE + a, 2 * _POSE + a)
@@ -145,6 +149,7 @@ class _Cell:
         second[:_POSE, self.camera] = np.eye(_POSE)
         second[[_POSE + k for k in zeros], np.arange(self.joint.start, count)] = 1.0
         self.information, self.pull = np.zeros((count, count)), np.zeros(count)
+        m = np.zeros(0)
         for seen, A in ((then, first), (now, second)):
             m = np.concatenate([se3.log(se3.inverse(then.X) @ seen.X), seen.numbers])
             N = _inverse(seen.cov)
@@ -163,6 +168,12 @@ class _Cell:
             W = np.linalg.inv(tool.cov)
             self.information += A.T @ W @ A
             self.pull += A.T @ W @ tool.moved
+        if touch is not None:  # nothing would be off, were the cell as it truly is and not as it was found
+            A = touch.by_cell @ second
+            A[:, self.tool] += touch.by_tool
+            W = np.linalg.inv(touch.cov)
+            self.information += A.T @ W @ A
+            self.pull += A.T @ W @ (touch.by_cell @ m - touch.off)
 
         self.still = self.prior.copy()
         self.still[self.camera] = [_STILL_M] * 3 + [_STILL_RAD] * 3

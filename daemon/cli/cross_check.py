@@ -18,6 +18,7 @@ def cross_check(
         int | None, typer.Option("--beams", help="Run of laser-check or laser-update of now.")
     ] = None,
     tracker: Annotated[int | None, typer.Option("--tracker", help="Run of tracker-sampling of now.")] = None,
+    touch: Annotated[int | None, typer.Option("--touch", help="Run of touch-test of now.")] = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Write an HTML report to this file.")
     ] = None,
@@ -29,8 +30,8 @@ def cross_check(
     from procedures.cross_check.solver import check_cell
 
     first, second = (load(config, number).path for number in (then, now))
-    measured, sampled = (None if run is None else load(config, run).path for run in (beams, tracker))
-    result = check_cell(first, second, measured, sampled).signed().as_json()
+    others = (None if run is None else load(config, run).path for run in (beams, tracker, touch))
+    result = check_cell(first, second, *others).signed().as_json()
     if report is not None:
         from procedures.report import write_report
 

@@ -55,6 +55,9 @@ class CrossCheckInputs(Inputs):
     now: str = Field(description="The capture of now.")
     beams: str | None = Field(default=None, description="The run that measured the tool in the beams.")
     tracker: str | None = Field(default=None, description="The run in which a tracker saw the arm.")
+    touch: str | None = Field(
+        default=None, description="The run in which the tool's point stood over a board."
+    )
     setup: str = Field(description="Where the camera is.")
 
 

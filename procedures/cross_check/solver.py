@@ -1,10 +1,10 @@
-"""``cellward cross-check``: two captures and a measured tool, and which part has changed between them."""
+"""``cellward cross-check``: two captures, a tool measured or driven over a board, and what has changed."""
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -17,10 +17,13 @@ from calibration.adjustment.cross_check import (
     cross_check,
     seen_camera,
 )
-from calibration.adjustment.hand_eye import adjust
+from calibration.adjustment.hand_eye import Adjusted, adjust
+from calibration.adjustment.touch import SeenTouch, Touches, seen_touch
 from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye.problem import Setup
 from calibration.hand_eye.solution import solve
 from calibration.refusal import Refusal
+from calibration.targets import make_target
 from calibration.tool_frame.repeatability import stated_sigma
 from cell.errors import error
 from cell.formats.reading import Strict, parse
@@ -49,6 +52,8 @@ from procedures.laser.config import Search
 from procedures.laser.measurement import reference_of
 from procedures.laser.result import LaserResult
 from procedures.solving import Progress, within_limits
+from procedures.touch_test.data import read_data_set, view_of
+from procedures.touch_test.judging import CORNER_PX, FEWEST
 from procedures.tracker.solve.data import load_kincal
 
 FILE_NAME = "cross-check.json"
@@ -65,6 +70,7 @@ class CrossCheckSet(Strict):
     now: str = Field(description="capture of now")
     beams: str | None = Field(default=None, description="laser-check or laser-update of now")
     tracker: str | None = Field(default=None, description="tracker-sampling of the arm of now")
+    touch: str | None = Field(default=None, description="touch-test of now")
 
 
 @within_limits
@@ -76,8 +82,9 @@ def solve_cross_check(
         raise error("ARGUMENT_INVALID", f"method is {method!r}; cross-check has one only, leave it out")
     file = path / FILE_NAME if path.is_dir() else path
     asked = parse(CrossCheckSet, read_json(file), SCHEMA, str(file))
-    beams, tracker = (None if f is None else file.parent / f for f in (asked.beams, asked.tracker))
-    return check_cell(file.parent / asked.then, file.parent / asked.now, beams, tracker, progress)
+    given = (asked.beams, asked.tracker, asked.touch)
+    beams, tracker, touch = (None if f is None else file.parent / f for f in given)
+    return check_cell(file.parent / asked.then, file.parent / asked.now, beams, tracker, touch, progress)
 
 
 def check_cell(
@@ -85,16 +92,14 @@ def check_cell(
     now: Path,
     beams: Path | None = None,
     tracker: Path | None = None,
+    touch: Path | None = None,
     progress: Progress | None = None,
 ) -> CrossCheckResult | Result:
-    """From the folders of two captures, of a run that measured the tool, and of one that sampled the arm."""
+    """From the folders of two captures, of a run that measured the tool, of one that sampled the arm, and of
+    a touch test."""
     began = time.perf_counter()
     show: Callable[[str, int, int], None] = progress or (lambda *_: None)
-    seen: list[SeenCamera] = []
-    names: tuple[str, ...] = ()
-    arm: ArmKnown | None = None
-    setups: list[str] = []
-    noise: list[float | None] = []
+    cameras: list[_Capture] = []
     with one_thread():
         for k, folder in enumerate((then, now)):
             show("solve", k, 2)
@@ -107,31 +112,47 @@ def check_cell(
                     result=None,
                     inputs=Inputs(solve_seconds=time.perf_counter() - began),
                 )
-            setup, names, camera, px, arm = one
-            setups.append(setup)
-            noise.append(px)
-            seen.append(camera)
-    if setups[0] != setups[1]:
-        text = f"{then} is {setups[0]}, {now} is {setups[1]}; give two captures of one camera"
+            cameras.append(one)
+    first, last = cameras
+    if first.setup != last.setup:
+        text = f"{then} is {first.setup}, {now} is {last.setup}; give two captures of one camera"
         raise error("ARGUMENT_INVALID", text)
     tool = None if beams is None else tool_of(beams)
-    by_tracker = None if tracker is None or arm is None else _arm_by(tracker, arm)
-    found = cross_check(seen[0], seen[1], tool, names, by_tracker)
+    by_tracker = None if tracker is None else _arm_by(tracker, last.arm)
+    by_touch = None if touch is None else touch_of(touch, last)
+    found = cross_check(first.seen, last.seen, tool, last.adjusted.names, by_tracker, by_touch)
     show("solve", 2, 2)
     inputs = CrossCheckInputs(
         then=str(then),
         now=str(now),
         beams=None if beams is None else str(beams),
         tracker=None if tracker is None else str(tracker),
-        setup=setups[0],
+        touch=None if touch is None else str(touch),
+        setup=first.setup,
         solve_seconds=time.perf_counter() - began,
     )
-    residuals = CrossCheckResiduals(then_px=noise[0], now_px=noise[1])
-    return _result(found, inputs, residuals, with_tool=tool is not None)
+    residuals = CrossCheckResiduals(then_px=first.px, now_px=last.px)
+    return _result(found, inputs, residuals, with_tool=tool is not None or by_touch is not None)
 
 
-def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | None, ArmKnown] | Refusal:
-    """Setup, names of the arm's numbers, what the capture in ``folder`` says, its noise (px), and the arm."""
+@dataclass(frozen=True)
+class _Capture:
+    """Where the camera of a capture is, its ``target``, the ``arm``, the adjustment, and what that says of
+    the camera; ``px`` is the noise of a corner."""
+
+    setup: Setup
+    target: Mapping[str, Any]
+    arm: ArmKnown
+    adjusted: Adjusted
+    seen: SeenCamera
+
+    @property
+    def px(self) -> float | None:
+        return self.adjusted.components.sigma.get("sigma_px")
+
+
+def _camera_of(folder: Path) -> _Capture | Refusal:
+    """What the capture in ``folder`` says."""
     loaded = load_capture(folder)
     camera = choose_camera(loaded, adjusts=True)
     check_views(loaded, camera.camera)
@@ -157,9 +178,8 @@ def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | 
     limits = np.tile([-np.pi, np.pi], (len(JOINTS), 1))
     arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
     found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
-    setup = loaded.capture.setup
-    px = found.components.sigma.get("sigma_px")
-    return setup, found.names, seen_camera(found, arm, setup), px, arm
+    setup, target = loaded.capture.setup, loaded.capture.target.model_dump()
+    return _Capture(setup, target, arm, found, seen_camera(found, arm, setup))
 
 
 def _arm_by(folder: Path, arm: ArmKnown) -> SeenArm:
@@ -187,6 +207,35 @@ def tool_of(folder: Path) -> SeenTool:
     values = RunValues.of(read_json(folder / "run.json")["values"])
     cov = np.array(found.result.cov)[:3, :3]
     return SeenTool(np.array(found.result.dp_flange), cov, _by_joints(values))
+
+
+def touch_of(folder: Path, now: _Capture) -> SeenTouch:
+    """What the touch test in ``folder`` tells, by the capture ``now`` of the same camera and target."""
+    data, file = read_data_set(folder)
+    if now.setup != "eye-in-hand":
+        text = "a touch test is one of a camera on the flange, and the captures are of a fixed one"
+        raise error("ARGUMENT_INVALID", f"{file}: {text}; leave it out")
+    designed, of_capture = (make_target(dict(target)).points for target in (data.target, now.target))
+    if designed.shape != of_capture.shape or not np.allclose(designed, of_capture, rtol=0.0, atol=1e-9):
+        raise error("ARGUMENT_INVALID", f"{file} was taken with another target than the capture of now")
+    if data.look is None or len(data.stood) < FEWEST:
+        text = f"the tool's point stood over {len(data.stood)} corners, {FEWEST} are needed"
+        raise error("ARGUMENT_INVALID", f"{file}: {text}")
+    config = data.config()
+    touches = Touches(
+        q_look=np.array(data.look.q),
+        Q=np.array([at.q for at in data.stood]),
+        view=view_of(data.target, data.look),
+        points=data.points([at.corner for at in data.stood]),
+        stand_off_m=config.stand_off_m,
+        # As it was when all was well: a frame that was corrected since has the change in it.
+        tool=np.array(data.tool if data.tool_reference is None else data.tool_reference),
+        tool_m=config.tool_sigma_m,
+        stand_m=config.stand_sigma_m,
+        arm_m=stated_sigma(getattr(data.arm(), "model", None)),
+    )
+    px = now.px or CORNER_PX
+    return seen_touch(touches, now.adjusted, now.arm, now.seen.X, now.seen.numbers, px)
 
 
 def _by_joints(values: RunValues) -> Array:
@@ -222,7 +271,7 @@ def _result(
         for k in found.by_beams_alone
     ]
     if not with_tool:
-        undetermined.append("the tool: no measurement of it in the beams was given")
+        undetermined.append("the tool: neither a measurement of it in the beams nor a touch test was given")
     good, open_ = answer.part == "none", answer.part == "cannot-tell"
     return CrossCheckResult(
         verdict="pass" if good else "warn" if open_ else "fail",

@@ -9,11 +9,11 @@ from cell.errors import error
 from cell.formats.result import Envelope
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
+from procedures.hand_eye_in_use import require_hand_eye
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.judging import solve_slot
 from procedures.slot.session import InsertionRun
 from procedures.slot.states import CHECKPOINTS, TRANSITIONS, State
-from procedures.slot.stations import require_hand_eye
 
 
 class SlotInsertion(Procedure):

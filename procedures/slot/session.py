@@ -17,7 +17,7 @@ from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Run
 from cell.store.files import write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
-from procedures.kinematics_in_use import in_use
+from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.data import DATA_FILE, HandEyeKnown, InsertionOutcome, LookTaken, SlotData
 from procedures.slot.judging import measured_in_run, refusal
@@ -27,7 +27,7 @@ from procedures.slot.result import SlotBudget
 from procedures.slot.seeing import inside
 from procedures.slot.states import PartState
 from procedures.slot.states import State as S
-from procedures.slot.stations import HAND_EYE, Stations, along
+from procedures.slot.stations import Stations, along
 from procedures.words import mm
 
 _EMPTY, _FULL = 0.5, 0.1  # of a slot's depth: deeper than this it is empty, shallower it is occupied
@@ -46,7 +46,7 @@ class InsertionRun:
         self.data = SlotData(
             job=config.model_dump(mode="json"),
             robot=arm_robot(run.values),
-            arm_rms_m=_arm_rms(run),
+            arm_rms_m=arm_rms_m(run.values),
             hand_eye=HandEyeKnown(
                 T_flange_camera=_six(self.stations.T_flange_camera),
                 cov=run.values.uncertainty[HAND_EYE]["cov"],
@@ -338,17 +338,6 @@ class InsertionRun:
             states=self.part, travel_m=self.travel_m, force_n=self.force_n, reasons=self.reasons
         )
         return self.data.model_copy(update={"outcome": outcome}).model_dump(mode="json", by_alias=True)
-
-
-def _arm_rms(run: Run) -> float | None:
-    """RMS error (m) of the arm by the model in use: as the calibration of its kinematics left it, or as the
-    capture of the hand-eye found it; None where neither says."""
-    if in_use(run.values) is not None:
-        found = run.values.kinematics["arm"] or {}
-        rms = found.get("rms_calibrated")
-    else:
-        rms = run.values.uncertainty[HAND_EYE].get("arm", {}).get("configured", {}).get("t")
-    return None if rms is None else float(rms)
 
 
 def _six(T: RigidTransform) -> list[float]:

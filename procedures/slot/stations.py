@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from scipy.spatial.transform import RigidTransform
 
 from calibration.slot.rectangle import Rectangle
-from cell.errors import error
 from cell.poses import from_pose6
 from cell.run_values import RunValues
-from procedures.kinematics_in_use import made_otherwise
+from procedures.hand_eye_in_use import require_hand_eye
 from procedures.slot.config import SlotInsertionConfig
-
-HAND_EYE = "T_flange_camera"
 
 
 @dataclass(frozen=True)
@@ -62,16 +59,3 @@ class Stations:
 def along(distance_m: float) -> RigidTransform:
     """A step along z."""
     return RigidTransform.from_translation([0.0, 0.0, distance_m])
-
-
-def require_hand_eye(values: RunValues) -> RigidTransform:
-    """``T_flange_camera`` of a calibration whose uncertainty is known, made with the arm's model in use.
-
-    ``HAND_EYE_UNKNOWN`` or ``KINEMATICS_DIFFER``.
-    """
-    if "cov" not in values.uncertainty.get(HAND_EYE, {}):
-        raise error("HAND_EYE_UNKNOWN", "no result of cone-capture is in effect for the flange's camera")
-    if why := made_otherwise(values, HAND_EYE):
-        raise error("KINEMATICS_DIFFER", why)
-    known = values.calibration["eye-in-hand"] or {}
-    return from_pose6(known["X"])

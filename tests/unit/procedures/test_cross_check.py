@@ -7,22 +7,46 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.adjustment.touch import Touches
 from calibration.hand_eye.problem import Setup
 from cell.errors import InputError
 from cell.poses import Array
 from cell.run_values import RunValues
-from procedures.cross_check.solver import _by_joints, check_cell, solve_cross_check, tool_of
+from procedures.cross_check.solver import (
+    _by_joints,
+    _Capture,
+    check_cell,
+    solve_cross_check,
+    tool_of,
+    touch_of,
+)
 from procedures.cross_check.words import cross_check_lines
 from procedures.report import write_report
 from tests.kit.cli_harness import CellOnDisk, CommandLine
-from tests.kit.cross_check_scene import Q_BEAMS, TIP, Change, change, in_tracker, tool_in_beams, views
+from tests.kit.cross_check_scene import (
+    HALF_TURN,
+    Q_BEAMS,
+    REFERENCE_M,
+    STAND_M,
+    STAND_OFF_M,
+    TIP,
+    Change,
+    change,
+    in_tracker,
+    tool_in_beams,
+    touched,
+    views,
+)
 from tests.kit.eye_to_hand_scene import POINTS, joints, make_scene, off, pose6
 from tests.kit.imperfect_cell import ARM, CAMERA
 from tests.unit.procedures.test_latency_job import made_by_hand
 
 SETUP: Setup = "eye-to-hand"
+SETUPS: tuple[Setup, Setup] = ("eye-to-hand", "eye-in-hand")
 STORED = Path(__file__).parents[2] / "kit" / "stored_results"
 POSES = 40
+LENS = {"width": CAMERA.width, "height": CAMERA.height, "K": list(CAMERA.K), "dist": list(CAMERA.dist)}
+TARGET = {"type": "points", "points": POINTS.tolist()}
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +69,13 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return found
 
 
-def capture(measured: Any, Q: Array) -> dict[str, Any]:
-    lens = {"width": CAMERA.width, "height": CAMERA.height, "K": list(CAMERA.K), "dist": list(CAMERA.dist)}
-    points = {"type": "points", "points": POINTS.tolist(), "scale_sigma": 1e-4, "flatness_m": 2e-5}
+def capture(measured: Any, Q: Array, setup: Setup = SETUP) -> dict[str, Any]:
     return {
         "schema": "cellward.capture/1",
-        "setup": SETUP,
+        "setup": setup,
         "robot": {"model": "ur10e"},
-        "camera": lens,
-        "target": points,
+        "camera": LENS,
+        "target": {**TARGET, "scale_sigma": 1e-4, "flatness_m": 2e-5},
         "observations": [
             {
                 "index": k,
@@ -177,3 +199,78 @@ def test_a_tracker_is_asked_of_the_arm_of_now(captures: dict[str, Path], tmp_pat
     (tmp_path / "kincal.json").write_text(json.dumps(data), "utf-8")
     with pytest.raises(InputError, match=r"has 5 places, 10 are needed"):
         check_cell(captures["then"], captures["none"], tracker=tmp_path)
+
+
+def write_touch(folder: Path, of: Touches, target: dict[str, Any] = TARGET) -> Path:
+    """A run of touch-test that saw this."""
+    folder.mkdir(exist_ok=True)
+    corners = [int(np.argmin(np.linalg.norm(POINTS - point, axis=1))) for point in of.points]
+    data = {
+        "schema": "cellward.touch-test/1",
+        "job": {
+            "target": "board",
+            "look_pose": "look",
+            "stand_off_m": STAND_OFF_M,
+            "stand_sigma_m": STAND_M,
+            "tool_sigma_m": REFERENCE_M,
+        },
+        "robot": {"model": "ur10e"},
+        "arm_rms_m": None,
+        "target": target,
+        "T_flange_camera": [0.0] * 6,
+        "hand_eye_cov": np.eye(6).tolist(),
+        "tool": [0.1, 0.1, 0.1],  # corrected since, so the reference counts
+        "tool_reference": of.tool.tolist(),
+        "look": {
+            "q": of.q_look.tolist(),
+            "T_base_flange": pose6(ARM.forward(of.q_look).as_matrix()),
+            "ids": list(range(len(POINTS))),
+            "corners": of.view.corners.tolist(),
+            "frames": 1,
+            "camera": LENS,
+        },
+        "stood": [
+            {"corner": corner, "q": q.tolist(), "T_base_flange": pose6(ARM.forward(q).as_matrix())}
+            for corner, q in zip(corners, of.Q, strict=True)
+        ],
+    }
+    (folder / "touch-test.json").write_text(json.dumps(data), "utf-8")
+    return folder
+
+
+def test_a_touch_test_names_a_bent_tool_that_no_beams_saw(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    scene = make_scene(rng, POSES)
+    what = Change(tool=np.array([1.5e-3, -1.5e-3, 1e-3]))
+    for name in ("then", "now"):
+        Q = joints(rng, scene.X, scene.W, POSES)
+        measured, Q = views(rng, scene.cell, "eye-in-hand", scene.X, scene.W, Q, Change())
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "capture.json").write_text(
+            json.dumps(capture(measured, Q, "eye-in-hand")), "utf-8"
+        )
+    of = touched(rng, scene.cell, scene.W @ HALF_TURN, what)
+    write_touch(tmp_path / "touch", of)
+    asked = {"schema": "cellward.cross-check/1", "then": "then", "now": "now", "touch": "touch"}
+    (tmp_path / "cross-check.json").write_text(json.dumps(asked), "utf-8")
+    found = solve_cross_check(tmp_path).as_json()
+    assert found["result"]["part"] == "tool"
+    assert found["result"]["t"] == pytest.approx(float(np.linalg.norm(what.tool)), rel=0.3)
+    assert found["inputs"]["touch"] == str(tmp_path / "touch")
+    assert not [open_ for open_ in found["observability"]["undetermined"] if open_.startswith("the tool:")]
+
+
+def test_a_touch_test_goes_with_a_camera_on_the_flange_and_its_own_target(tmp_path: Path) -> None:
+    rng = np.random.default_rng(12)
+    scene = make_scene(rng, 4)
+    of = touched(rng, scene.cell, scene.W @ HALF_TURN, Change())
+    folder = write_touch(tmp_path, of)
+    nothing: Any = None
+    fixed, other = (
+        _Capture(setup, {**TARGET, "points": (1.1 * POINTS).tolist()}, nothing, nothing, nothing)
+        for setup in SETUPS
+    )
+    with pytest.raises(InputError, match="leave it out"):
+        touch_of(folder, fixed)
+    with pytest.raises(InputError, match="another target than the capture of now"):
+        touch_of(folder, other)

@@ -1,0 +1,102 @@
+"""The data set of a touch test, ``touch-test.json``: what was known, the look, and where the tool stood."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from calibration.hand_eye.pnp import Poses, solve_pnp
+from calibration.hand_eye.views import CornerSet
+from calibration.targets import make_target
+from cell.devices import Intrinsics
+from cell.formats.reading import Strict, parse, read_json
+from cell.formats.robot import Robot, parse_robot
+from cell.poses import Array
+from procedures.touch_test.config import TouchTestConfig
+
+DATA_FILE, SCHEMA = "touch-test.json", "cellward.touch-test/1"
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Four = Annotated[list[float], Field(min_length=4, max_length=4)]
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class CameraSeen(Strict):
+    """The camera of the look: ``K`` is fx, fy, cx, cy in pixels."""
+
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    K: Four
+    dist: list[float]
+
+    def intrinsics(self) -> Intrinsics:
+        fx, fy, cx, cy = self.K
+        return Intrinsics(self.width, self.height, (fx, fy, cx, cy), tuple(self.dist))
+
+
+class LookTaken(Strict):
+    """The board at the look: point ``ids[i]`` of the target at ``corners[i]``, mean of ``frames`` frames."""
+
+    q: Six
+    T_base_flange: Six
+    ids: list[int] = Field(min_length=4)
+    corners: list[Pixel] = Field(min_length=4)
+    frames: int = Field(ge=1)
+    camera: CameraSeen
+
+
+class PointStood(Strict):
+    """The arm at rest with the tool's point over the target's point ``corner``, as a person confirmed it."""
+
+    corner: int = Field(ge=0)
+    q: Six
+    T_base_flange: Six
+
+
+class TouchData(Strict):
+    """``job`` as configured; ``tool`` is the tool's point on the flange by the frame in effect, and
+    ``tool_reference`` as its accepted laser reference has it, None without one. ``hand_eye_cov`` is of
+    ``T_flange_camera``, perturbation on the right; ``arm_rms_m`` of the arm's model in use, None where
+    unknown."""
+
+    schema_: Annotated[Literal["cellward.touch-test/1"], Field(alias="schema")] = "cellward.touch-test/1"
+    job: dict[str, Any]
+    robot: dict[str, Any]
+    arm_rms_m: float | None
+    target: dict[str, Any]
+    T_flange_camera: Six
+    hand_eye_cov: list[Six]
+    tool: Three
+    tool_reference: Three | None
+    look: LookTaken | None = None
+    stood: list[PointStood] = Field(default_factory=list)
+    skipped: list[int] = Field(default_factory=list, description="points that were left out")
+
+    def config(self) -> TouchTestConfig:
+        return TouchTestConfig.model_validate(self.job)
+
+    def arm(self) -> Robot:
+        return parse_robot(self.robot, "robot")
+
+    def points(self, ids: list[int]) -> Array:
+        """(n, 3) m of the target."""
+        points: Array = make_target(self.target).points[np.array(ids, dtype=int)]
+        return points
+
+
+def view_of(target: dict[str, Any], look: LookTaken) -> CornerSet:
+    """The corners of the look with the target's points."""
+    points = make_target(target).points[np.array(look.ids)]
+    return CornerSet(points, np.array(look.corners), np.full(len(look.ids), float(look.frames)))
+
+
+def located(target: dict[str, Any], look: LookTaken) -> Poses:
+    """Where the camera saw the target, as it was given; the first pose is the best."""
+    return solve_pnp([view_of(target, look)], look.camera.intrinsics())[0]
+
+
+def read_data_set(path: Path) -> tuple[TouchData, Path]:
+    """A run's data set and its file, from its folder or the file; raises an ``InputError``."""
+    file = path / DATA_FILE if path.is_dir() else path
+    return parse(TouchData, read_json(file), SCHEMA, str(file)), file

@@ -1,0 +1,166 @@
+"""The tool's point over corners of a board, on virtual time, beside what was done to tool and camera."""
+
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.predictions import setup_of
+from fakes.object import run_virtual
+from procedures.documents import read_result
+from procedures.touch_test.config import TouchTestConfig
+from procedures.touch_test.expectation import touch_expectation
+from procedures.touch_test.judging import solve_touch_test
+from procedures.touch_test.procedure import TouchTest
+from procedures.touch_test.words import touch_lines
+from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused
+from tests.kit.slot_cell import give_hand_eye
+from tests.kit.touch_cell import HASTY, TOUCH, Toucher, touch_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+Scene = Callable[[ObjectCell, Toucher], Awaitable[None]]
+
+
+def scene_of(folder: Path, act: Scene, **job: Any) -> None:
+    """``act`` in an open cell; the arm rests at the end."""
+
+    async def main() -> None:
+        async with open_cell(touch_config(folder, **job), job=TOUCH) as cell:
+            await act(cell, Toucher(cell))
+            assert cell.at_rest()
+
+    run_virtual(main())
+
+
+async def run_of(cell: ObjectCell, person: Toucher) -> dict[str, Any]:
+    """A test whose person stands over all four corners; its result."""
+    number = await cell.start()
+    for _ in range(4):
+        await person.stand()
+    end = await cell.finished(number)
+    assert end["outcome"] == "complete", end
+    return cell.result(number)
+
+
+def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        found = await run_of(cell, person)
+        assert found["verdict"] == "warn"
+        assert [w["code"] for w in found["warnings"]] == ["touch.tool-unchecked"]
+        assert found["result"]["shift_m"] < found["uncertainty"]["shift_95_m"] < 0.001
+        assert found["result"]["chance"] > 0.01
+        # Driven there before anybody jogged: at the stand-off over each corner.
+        assert person.heights == pytest.approx([0.003] * 4, abs=0.0005)
+        assert [c["corner"] for c in found["result"]["corners"]] == [0, 8, 53, 45]
+        lines = "\n".join(touch_lines(read_result(found)))  # type: ignore[arg-type]
+        assert "off at the board by" in lines
+        assert "hand-eye" in lines
+        folder = cell.folder(1)
+        again = TouchTest.solve_again(folder.path / "touch-test.json", folder.info, found)
+        assert again.as_json()["result"] == found["result"]
+        assert judged_of(folder.path, tmp_path, [0, 1, 2, 3]).startswith("corners-on-a-line: ")
+
+    scene_of(tmp_path, act)
+
+
+def judged_of(run: Path, folder: Path, corners: list[int]) -> str:
+    """The first reason of the same run with other corners."""
+    data = json.loads((run / "touch-test.json").read_text("utf-8"))
+    for at, corner in zip(data["stood"], corners, strict=True):
+        at["corner"] = corner
+    (folder / "touch-test.json").write_text(json.dumps(data), "utf-8")
+    return solve_touch_test(folder).reasons[0]
+
+
+def test_a_bent_tool_is_found_with_its_shift(tmp_path: Path) -> None:
+    bend = np.array([0.0015, -0.001, 0.001])
+
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        cell.plant.world.tool.bend(cell.clock.now(), bend)
+        found = await run_of(cell, person)
+        assert found["verdict"] == "fail"
+        assert found["reasons"][0].startswith("off: ")
+        off, of = found["result"], found["uncertainty"]
+        assert off["shift_m"] == pytest.approx(float(np.linalg.norm(bend)), abs=of["shift_95_m"])
+        # The tool points into the board, so z is z; x and y are turned with it.
+        assert abs(off["shift"][2]) == pytest.approx(bend[2], abs=of["shift_95_m"])
+        assert off["turn_rad"] < of["turn_95_rad"]
+
+    scene_of(tmp_path, act)
+
+
+def test_a_moved_camera_is_found_with_its_shift(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell, [0.0015, 0.0, 0.001, 0.0, 0.0, 0.0])
+        found = await run_of(cell, person)
+        assert found["verdict"] == "fail"
+        of = found["uncertainty"]
+        assert found["result"]["shift_m"] == pytest.approx(np.hypot(0.0015, 0.001), abs=of["shift_95_m"])
+
+    scene_of(tmp_path, act)
+
+
+def test_a_point_far_from_its_corner_is_asked_for_again_and_a_corner_may_be_left_out(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        number = await cell.start()
+        await person.stand((0.03, 0.0, -0.01))
+        await person.stand()
+        assert "mm from where the camera has this corner" in person.asked[1]
+        await confirmed_in_local_mode(cell, person)
+        await person.skip()
+        assert person.asked[-1].startswith("The arm is still in local mode")
+        assert "corner 2 of 4" in person.asked[-1]
+        for _ in range(2):
+            await person.stand()
+        assert (await cell.finished(number))["outcome"] == "complete"
+        found = cell.result(number)
+        assert (found["inputs"]["corners"], found["inputs"]["skipped"]) == (3, [8])
+
+    async def confirmed_in_local_mode(cell: ObjectCell, person: Toucher) -> None:
+        prompt = await person.prompt()
+        cell.plant.controller.remote = False
+        await cell.clock.sleep(0.1)
+        await cell.engine.confirm(prompt, WHO)
+        await cell.clock.sleep(0.1)
+        cell.plant.controller.remote = True
+
+    scene_of(tmp_path, act)
+
+
+def test_a_finish_at_a_corner_lifts_the_tool_and_says_that_it_was_too_early(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        number = await cell.start()
+        await person.stand()
+        await person.prompt()
+        await cell.engine.finish(WHO)
+        await cell.until(lambda: not cell.engine.active, "the end")
+        assert cell.end(number)["outcome"] == "complete"
+        assert person.height() == pytest.approx(0.053, abs=0.002)
+        found = cell.result(number)
+        assert (found["verdict"], found["result"]) == ("fail", None)
+        assert found["reasons"][0].startswith("too-few-corners: ")
+
+    scene_of(tmp_path, act)
+
+
+def test_what_is_missing_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        assert (await refused(cell.start())).name == "HAND_EYE_UNKNOWN"
+        for wrong in ({"target": "other"}, {"look_pose": "other"}, {"corners": [0, 1, 8, 54]}):
+            assert (await refused(cell.start(params=wrong))).name == "ARGUMENT_INVALID"
+        give_hand_eye(cell)
+        setup = setup_of(cell.config)
+        assert "2.0 mm" in touch_expectation(setup, TouchTestConfig(**HASTY, stand_off_m=0.002))["text"]
+        bad = TouchTestConfig(**{**HASTY, "look_pose": "nowhere"}, corners=[0, 1, 8, 54])
+        assert len(touch_expectation(setup, bad)["problems"]) == 2
+
+    scene_of(tmp_path, act)
