@@ -2,7 +2,8 @@
 
 Lengths: Universal Robots, "DH Parameters for calculations of kinematics and dynamics"
 (universal-robots.com/articles/ur/application-installation/dh-parameters-for-calculations-of-kinematics-and-dynamics).
-UR7e and UR12e have the lengths of UR5e and UR10e; UR15 and UR18 differ in both long links only.
+UR7e and UR12e have the lengths of UR5e and UR10e; UR8 Long, UR15 and UR18 differ in both long links only.
+Those of the UR8 Long are also in the maker's ROS description (``config/ur8long/default_kinematics.yaml``).
 
 Joints turn by two turns in all. The elbow is held to one: past half a turn either way the forearm meets the
 upper arm, so nothing is lost (the maker's ROS description limits it in the same way).
@@ -10,8 +11,8 @@ upper arm, so nothing is lost (the maker's ROS description limits it in the same
 Offsets of upper arm and forearm along the shoulder axis are those of the maker's ROS description. Radii are
 approximate: the housings of each size class (joint sizes 0..4), rounded up so that a capsule covers the link.
 
-Offsets and radii of UR15 and UR18 come from the maker's drawings (STL) of the like links of a UR8 Long. Their
-bounds, in mm:
+Offsets and radii of UR8 Long, UR15 and UR18 come from the maker's drawings (STL) of the links of a UR8 Long.
+Their bounds, in mm:
 
 - Radii about the joints' axes: base with its connector 126, shoulder 81, upper arm 79, forearm 63, wrists 51.
 - Offset of the upper arm: the shoulder's face is at 109 along the shoulder axis, and the upper arm's middle
@@ -86,6 +87,7 @@ UR_MODELS: dict[str, UrModel] = {
     "ur3e": UrModel(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921, 0.120, 0.027, _SMALL),
     "ur5e": _UR5E,
     "ur7e": _UR5E,
+    "ur8long": UrModel(0.2186, -0.8989, -0.7149, 0.1824, 0.1361, 0.1434, 0.221, 0.046, _LONG),
     "ur10e": _UR10E,
     "ur12e": _UR10E,
     "ur15": UrModel(0.2186, -0.6475, -0.5164, 0.1824, 0.1361, 0.1434, 0.221, 0.046, _LONG),

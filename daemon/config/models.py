@@ -18,7 +18,7 @@ from drivers.can_bus.address import parse_bus
 
 UR_MODELS = (
     "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e",
-    "ur15", "ur18", "ur20", "ur30",
+    "ur8long", "ur15", "ur18", "ur20", "ur30",
 )  # fmt: skip
 MAX_SOCKET_PATH = 107  # sun_path of AF_UNIX without its final zero
 

@@ -11,11 +11,11 @@ from daemon.config.findings import Findings
 from daemon.config.targets import DICTIONARY_SIZES
 
 # Rated payloads, kg, as the maker lists its models (universal-robots.com); where one has two, the greater:
-# ur10e 10 or 12.5, by the label on the arm (its user manual, "Maximum Payload"); ur15 15 or 17.5, ur20
-# 20 or 25.
+# ur10e 10 or 12.5, by the label on the arm (its user manual, "Maximum Payload"); ur8long 8 or 10, ur15 15 or
+# 17.5, ur20 20 or 25.
 PAYLOAD_KG = {
     "ur3": 3.0, "ur5": 5.0, "ur10": 10.0, "ur3e": 3.0, "ur5e": 5.0, "ur7e": 7.5, "ur10e": 12.5, "ur12e": 12.5,
-    "ur16e": 16.0, "ur15": 17.5, "ur18": 18.0, "ur20": 25.0, "ur30": 35.0,
+    "ur16e": 16.0, "ur8long": 10.0, "ur15": 17.5, "ur18": 18.0, "ur20": 25.0, "ur30": 35.0,
 }  # fmt: skip
 JOINT_RANGE_RAD = 2.0 * pi
 UNITS_RAD = 4.0 * pi  # from here on the number is taken for degrees

@@ -7,7 +7,6 @@ from typing import Any
 from cell.errors import error
 from fakes.ur.controller import Controller
 from fakes.ur.robot import Identity
-from fakes.world.arm.joint_speeds import fastest_joints
 from fakes.world.arm.servo import Servo
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
@@ -31,6 +30,10 @@ def controller_for(world: World, bind: str) -> Controller:
             f"world.arm.robot: {arm.name} is no arm of UR, and the twin on real protocols speaks as one; "
             "its world runs on the object face, without protocols",
         )
+    try:
+        fastest = arm.controller_limits.reached(arm.model)
+    except ValueError as exc:
+        raise error("CONFIG_INVALID", str(exc)) from None
     version, deltas = parse_version(arm.version), arm.factory.deltas()
     identity = Identity(arm.model, arm.serial, version, deltas, arm.controller_limits)
     made = Controller(
@@ -40,7 +43,7 @@ def controller_for(world: World, bind: str) -> Controller:
         world.believed,
         world.contact_force,
         digital_in=world.arm_digital_in,
-        servo=None if arm.servo.lag == "none" else Servo(arm.servo, fastest_joints(arm.model)),
+        servo=None if arm.servo.lag == "none" else Servo(arm.servo, fastest),
         reported=world.reported,
     )
     made.robot.io.listeners.append(lambda word: world.set_arm_output(made.now(), word))

@@ -27,7 +27,17 @@ _ROBOT_STATE, _ROBOT_MESSAGE = 16, 20
 _TEXT, _VERSION, _KEY, _RUNTIME_EXCEPTION = 0, 3, 7, 10
 _SOURCE_ROBOT = -2
 _CALIBRATION_LINEARISED = 2
-_ROBOT_TYPES = {"ur5": 1, "ur10": 2, "ur3": 3, "ur16": 4, "ur18": 5, "ur20": 7, "ur30": 8, "ur15": 9}
+_ROBOT_TYPES = {
+    "ur5": 1,
+    "ur10": 2,
+    "ur3": 3,
+    "ur16": 4,
+    "ur18": 5,
+    "ur8long": 6,
+    "ur20": 7,
+    "ur30": 8,
+    "ur15": 9,
+}
 _JOINT_RAD_S2 = 40.0  # as a recorded controller tells it; see fakes.world.arm.controller_limits
 _EVENTS = {"STARTED", "STOPPED", "PAUSED", "RESUMED"}
 

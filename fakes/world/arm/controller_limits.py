@@ -35,9 +35,14 @@ class ControllerLimitsTruth(Strict):
         return np.array(self.joint_ranges_rad or [[-RANGE_RAD, RANGE_RAD]] * 6)
 
     def speeds(self, model: str) -> Array:
-        """(6,) rad/s of an arm of this model."""
+        """(6,) rad/s that the controller of an arm of this model tells."""
         own = self.joint_speeds_rad_s
         return fastest_joints(model) + MARGIN_RAD_S if own is None else np.array(own)
+
+    def reached(self, model: str) -> Array:
+        """(6,) rad/s: how fast the joints of an arm of this model turn at most on set-points."""
+        own = self.joint_speeds_rad_s
+        return fastest_joints(model) if own is None else np.array(own)
 
     def told(self) -> dict[str, list[float] | list[list[float]]]:
         """What was set, as an arm without protocols tells it; the defaults are those of a UR controller."""

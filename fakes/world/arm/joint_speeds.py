@@ -1,7 +1,7 @@
 """How fast the joints of UR's arms turn at most.
 
 Source: UR's user manuals, as UR's own description package lists them (Universal_Robots_ROS2_Description,
-``config/*/joint_limits.yaml``; of the UR15 its URDF). An arm that is not listed has no limit of its own here.
+``config/*/joint_limits.yaml``; of the UR15 its URDF). Of the UR8 Long none was found.
 """
 
 import numpy as np
@@ -21,10 +21,13 @@ _DEG_S: dict[str, tuple[float, float, float, float, float, float]] = {
     "ur20": (120, 120, 150, 210, 210, 210),
     "ur30": (120, 120, 150, 210, 210, 210),
 }
-UNLISTED_RAD_S = 3.5
 
 
 def fastest_joints(model: str) -> Array:
-    """(6,) rad/s."""
-    degrees = _DEG_S.get(model)
-    return np.full(6, UNLISTED_RAD_S) if degrees is None else np.deg2rad(degrees)
+    """(6,) rad/s; ``ValueError`` for an arm of which it is not known."""
+    if model not in _DEG_S:
+        raise ValueError(
+            f"how fast the joints of a {model} turn was not found published; give what its controller "
+            "allows, as world.arm.controller_limits.joint_speeds_rad_s"
+        )
+    return np.deg2rad(_DEG_S[model])

@@ -58,7 +58,9 @@ def test_every_nominal_arm_agrees_with_an_independent_library(name: str) -> None
     np.testing.assert_allclose(UrArmModel(name).forward_many(Q).as_matrix(), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "reach_m"), [("ur10e", 1.3), ("ur20", 1.75), ("ur15", 1.3), ("ur18", 0.95)])
+@pytest.mark.parametrize(
+    ("name", "reach_m"), [("ur10e", 1.3), ("ur20", 1.75), ("ur8long", 1.75), ("ur15", 1.3), ("ur18", 0.95)]
+)
 def test_an_arm_that_no_library_has_reaches_as_far_as_its_data_sheet_says(name: str, reach_m: float) -> None:
     model = UR_MODELS[name]
     assert abs(model.a2) + abs(model.a3) + model.d6 == pytest.approx(reach_m, abs=0.01)

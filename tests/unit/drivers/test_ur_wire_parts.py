@@ -102,6 +102,7 @@ def test_a_sub_package_longer_than_its_state_is_a_violation() -> None:
         ("UR10", 3, "ur10"),
         ("UR20", 5, "ur20"),
         ("UR18", 5, "ur18"),
+        ("UR8 LONG", 5, "ur8long"),
         ("UR3", 10, "ur3e"),
     ],
 )

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from cell.errors import CellError
 from cell.poses import Array
+from fakes.ur.build import controller_for
+from fakes.world.arm.controller_limits import ControllerLimitsTruth
 from fakes.world.arm.joint_speeds import fastest_joints
 from fakes.world.arm.reported import Reported
 from fakes.world.arm.segments import Polynomial
@@ -11,6 +14,7 @@ from fakes.world.arm.servo import Servo
 from fakes.world.arm.smoothed import Smoothed
 from fakes.world.arm.truth import Lag, ReportedTruth, ServoTruth
 from fakes.world.scenario import Scenario, shipped_scenarios
+from fakes.world.world import World
 from tests.kit.ideal_world import ideal_text
 
 PERIOD_S, LATE_S = 0.002, 0.05
@@ -92,3 +96,14 @@ def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_the_text_of_an_ideal_world_is_what_its_name_loads(name: str) -> None:
     assert Scenario.parse(ideal_text(name)) == Scenario.load(f"{name}:ideal")
+
+
+def test_a_twin_of_an_arm_whose_speeds_nobody_published_needs_those_of_its_controller() -> None:
+    truth = Scenario.load("hand_eye:ideal").world
+    arm = truth.arm.model_copy(update={"model": "ur8long"})
+    with pytest.raises(CellError, match="joints of a ur8long turn was not found published; give"):
+        controller_for(World(truth.model_copy(update={"arm": arm}), 0.0), "127.0.0.1")
+    told = [1.0, 1.0, 2.0, 3.0, 3.0, 3.0]
+    limited = arm.model_copy(update={"controller_limits": ControllerLimitsTruth(joint_speeds_rad_s=told)})
+    made = controller_for(World(truth.model_copy(update={"arm": limited}), 0.0), "127.0.0.1")
+    assert made.identity.limits.speeds("ur8long").tolist() == told
