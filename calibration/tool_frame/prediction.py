@@ -6,8 +6,8 @@ through the estimator itself with the noise as given: no simple formula holds fo
 each other are better, with many passes by far).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -64,12 +64,13 @@ class ExpectedComparison:
         return float(np.sqrt(np.trace(self.cov[:2, :2])))
 
 
+@lru_cache(maxsize=64)  # three jobs and the cards of all tools ask for the same ones
 def predict(
     speed_m_s: float,
     poll_period_s: float,
     pairs: int,
     z_resolution_m: float,
-    depths_m: Sequence[float] = (0.006,),
+    depths_m: tuple[float, ...] = (0.006,),
     noise_m: float = 0.0,
     staggered: bool = True,
     reference_pairs: int | None = None,
@@ -115,6 +116,7 @@ def predict(
     place = [0, 1, 3, 4] if tilted else [0, 1]
     cov[np.ix_(place, place)] = mean
     cov[2, 2] = height_variance(z_resolution_m, noise_m, height_pairs)
+    cov.flags.writeable = False
     return ExpectedComparison(cov, slide, z_resolution_m, tilted)
 
 

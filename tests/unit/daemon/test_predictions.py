@@ -46,12 +46,12 @@ def test_a_recipe_is_told_where_its_arguments_make_a_difference(
     write_config(tmp_path, "laser:ideal", jobs={"laser-reference": {"max_descents": 2, "passes": 2}})
     path = tmp_path / "cell.toml"
     with path.open("a") as file:
-        file.write('\n[recipe.often]\njob = "laser-reference"\npasses = 20\n')
+        file.write('\n[recipe.often]\njob = "laser-reference"\npasses = 4\n')
         file.write('\n[recipe.same]\njob = "laser-reference"\npasses = 2\n')
     config = load_config(path)
     job, recipe = predictions(config)
     assert (job["job"], recipe["job"], recipe["recipe"]) == ("laser-reference", "laser-reference", "often")
-    assert recipe["U_xy_m"] < 0.6 * job["U_xy_m"]
+    assert recipe["U_xy_m"] < 0.9 * job["U_xy_m"]
     assert named(recipe) == "recipe often, laser-reference"
     for name, told in (("laser-reference", job), ("often", recipe), ("same", job)):
         found = prediction_of(config, name)
