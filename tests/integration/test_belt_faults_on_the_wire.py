@@ -32,7 +32,7 @@ STATUS, PACKML, ERROR, RUN_ID = 0, 4, 6, 10
 STOPPED_BY_SAFETY = 1 << 13
 ATTEMPTS = 3
 LOOK_S = 0.02
-STANDS_S = 10.0
+STANDS_S = 5.0
 
 
 class Picking:
@@ -234,7 +234,7 @@ def test_a_camera_without_pictures_is_borne_for_a_moment_and_lost_after_a_while(
     subject.repaired("camera")
 
 
-def test_a_belt_that_stands_for_ten_seconds_suspends_the_run_at_rest_and_is_picked_from_again(
+def test_a_belt_that_stands_for_seconds_suspends_the_run_at_rest_and_is_picked_from_again(
     subject: Picking,
 ) -> None:
     run_id = subject.follow(picks=3)
