@@ -35,6 +35,13 @@ PATIENT_DEVICES: dict[str, dict[str, Any]] = {
 # How often a run may be interrupted here is judged by the pauses of this machine; one scene keeps the limits.
 PATIENT = PATIENT_DEVICES | {"supervisor": {"silences_in_a_row": 30, "silences_in_all": 1000}}
 
+# Keys of [cell.limits] for :func:`shipped`, where a test is not about speed.
+BRISK: dict[str, Any] = {
+    "speed_m_s": 0.5,
+    "accel_m_s2": 2.0,
+    "joint_speed_rad_s": "1.6\njoint_accel_rad_s2 = 6.0",
+}
+
 
 class WireCell:
     """Twin and daemon; the daemon can be killed, stopped and started again.
