@@ -1,18 +1,20 @@
 """The page in a real browser: legible, usable by keys, safe from other sites, and honest about silence."""
 
 import signal
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import pytest
 from aiohttp import web
 from playwright.async_api import Browser
 
-from tests.kit.browser import Visitor, in_browser, needs_chromium
+from tests.kit.browser import Use, Visitor, needs_chromium, one_browser
 from tests.kit.page_cell import PageCell
 from tests.kit.page_rig import TOKENS, PageRig, on_page
 
-pytestmark = [pytest.mark.wire, needs_chromium]
+# A browser starts and ends children as windows come and go.
+pytestmark = [pytest.mark.wire, pytest.mark.restarts_children, needs_chromium]
+InBrowser = Callable[[Use], None]
 
 SCREENS = (
     "now", "start", "start/laser-check", "start/latency-calibration", "run", "result/2", "result/1",
@@ -35,9 +37,15 @@ async function ask(init) {{ try {{ await fetch("{url}/api/do/start", init); }} c
 </script><body><iframe name="hidden"></iframe><iframe src="{url}/"></iframe></body>"""
 
 
+@pytest.fixture(scope="module")
+def in_browser() -> Iterator[InBrowser]:
+    with one_browser() as run:
+        yield run
+
+
 @pytest.mark.parametrize(("scheme", "rules"), [("light", ()), ("dark", ("color-contrast",))])
 def test_every_screen_is_legible_for_everybody_and_fits_every_width(
-    subject: PageCell, scheme: str, rules: tuple[str, ...]
+    subject: PageCell, in_browser: InBrowser, scheme: str, rules: tuple[str, ...]
 ) -> None:
     async def use(browser: Browser) -> None:
         # axe is a script of the test's own, which the page's policy rightly refuses.
@@ -57,7 +65,9 @@ def test_every_screen_is_legible_for_everybody_and_fits_every_width(
     in_browser(use)
 
 
-def test_all_screens_run_within_their_own_policy_in_both_languages(subject: PageCell) -> None:
+def test_all_screens_run_within_their_own_policy_in_both_languages(
+    subject: PageCell, in_browser: InBrowser
+) -> None:
     async def use(browser: Browser) -> None:
         for locale, words in (("en-GB", "Ready. Nothing moves."), ("de-DE", "Bereit. Nichts bewegt sich.")):
             visitor = await Visitor.at(browser, subject.url, locale=locale)
@@ -69,7 +79,7 @@ def test_all_screens_run_within_their_own_policy_in_both_languages(subject: Page
     in_browser(use)
 
 
-def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell) -> None:
+def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell, in_browser: InBrowser) -> None:
     async def use(browser: Browser) -> None:
         visitor = await Visitor.at(browser, subject.url, locale="de-DE")
         await visitor.show("runs")
@@ -93,7 +103,9 @@ LASER_CHECK = {
 }  # fmt: skip
 
 
-def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(subject: PageCell) -> None:
+def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(
+    subject: PageCell, in_browser: InBrowser
+) -> None:
     asked: list[Any] = []
 
     async def refuse(route: Any) -> None:
@@ -122,7 +134,7 @@ def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(sub
     in_browser(use)
 
 
-def test_by_keys_alone_somebody_logs_in_and_comes_to_a_job(subject: PageCell) -> None:
+def test_by_keys_alone_somebody_logs_in_and_comes_to_a_job(subject: PageCell, in_browser: InBrowser) -> None:
     async def use(browser: Browser) -> None:
         visitor = await Visitor.at(browser, subject.url, locale="en-GB")
         await visitor.login(TOKENS["otto"])
@@ -137,7 +149,9 @@ def test_by_keys_alone_somebody_logs_in_and_comes_to_a_job(subject: PageCell) ->
     in_browser(use)
 
 
-def test_a_daemon_that_says_nothing_greys_the_page_until_it_speaks_again(subject: PageCell) -> None:
+def test_a_daemon_that_says_nothing_greys_the_page_until_it_speaks_again(
+    subject: PageCell, in_browser: InBrowser
+) -> None:
     process = subject.process
     assert process is not None
 

@@ -2,7 +2,9 @@
 
 import asyncio
 import shutil
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +18,50 @@ ANSWER_MS = 60_000.0
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium; apt-get install chromium")
 
 
-def in_browser(use: Callable[[Browser], Awaitable[None]]) -> None:
+Use = Callable[[Browser], Awaitable[None]]
+
+
+@asynccontextmanager
+async def _browser() -> AsyncIterator[Browser]:
+    async with async_playwright() as driver:
+        browser = await driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            await browser.close()
+
+
+def in_browser(use: Use) -> None:
     """Run ``use`` with a browser that is closed at its end."""
 
     async def scenario() -> None:
-        async with async_playwright() as driver:
-            browser = await driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-            try:
-                await use(browser)
-            finally:
-                await browser.close()
+        async with _browser() as browser:
+            await use(browser)
 
     asyncio.run(scenario())
+
+
+@contextmanager
+def one_browser() -> Iterator[Callable[[Use], None]]:
+    """As :func:`in_browser` for several uses, of which each closes its windows only: a browser takes a second
+    of a core to start."""
+    with asyncio.Runner() as runner:
+        opened = _browser()
+        browser = runner.run(opened.__aenter__())
+
+        async def once(use: Use) -> None:
+            with ThreadPoolExecutor(1) as reads_files:  # the loop's own would outlive this use
+                asyncio.get_running_loop().set_default_executor(reads_files)
+                try:
+                    await use(browser)
+                finally:
+                    for context in browser.contexts:
+                        await context.close()
+
+        try:
+            yield lambda use: runner.run(once(use))
+        finally:
+            runner.run(opened.__aexit__(None, None, None))
 
 
 class Visitor:
