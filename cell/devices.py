@@ -396,15 +396,17 @@ class TrackerState:
 
 @dataclass(frozen=True)
 class StablePoint:
-    """The mean of the readings within a window during which the reflector stood still."""
+    """The mean of the readings within a window during which the reflector stood still, or one point that the
+    instrument's own program has measured."""
 
     point: Array  # (3,) tracker frame, m
-    scatter_m: float  # RMS distance of the readings from their mean
+    scatter_m: float  # RMS distance of the readings from their mean; of one reading 0
     count: int
     window_s: float
     temperature_c: float | None = None
     pressure_pa: float | None = None
     warnings: tuple[str, ...] = ()  # codes and words of what the instrument doubts; the point is valid
+    sigma_m: float | None = None  # along one axis, where the sender states it of this very point
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ DRIVERS: dict[str, str] = {
     "arm-inputs": "drivers.ur.inputs:ArmInputs",
     "geocom": "drivers.tracker:GeocomTracker",
     "line-stream": "drivers.tracker:LineStreamTracker",
+    "line-points": "drivers.tracker:LinePointTracker",
     "observed-arm": "drivers.observed_arm:ObservedArmReader",
     "arm-gripper": "drivers.ur.gripper:ArmGripper",
     "modbus-gripper": "drivers.grippers:ModbusGripper",

@@ -9,7 +9,8 @@ from drivers.tracker.address import NetAddress, TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
 
 CARTESIAN, POLAR = ("x", "y", "z"), ("hz", "v", "range")
-FIELDS = (*CARTESIAN, *POLAR, "valid", "temperature_c", "pressure_pa", "pressure", "serial")
+STATED = ("sigma", "u95")
+FIELDS = (*CARTESIAN, *POLAR, *STATED, "valid", "temperature_c", "pressure_pa", "pressure", "serial")
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 _PLAIN: list[Axis] = ["x", "y", "z"]
 
@@ -158,11 +159,16 @@ class LineStreamConfig(TrackerConfig):
             raise ValueError("pressure_unit and a field 'pressure' are needed together")
         if {"pressure", "pressure_pa"} <= fields:
             raise ValueError("a line gives pressure or pressure_pa, not both")
+        self._check_stated(fields)
         if polar and (self.left_handed or self.axes != _PLAIN):
             raise ValueError(
                 "axes and left_handed are for x, y, z; horizontal and vertical say it for angles"
             )
         self._check_axes()
+
+    def _check_stated(self, fields: frozenset[str]) -> None:
+        if stated := sorted(fields & set(STATED)):
+            raise ValueError(f"'{stated[0]}' is of a point that is asked for, with driver = \"line-points\"")
 
     def _check_axes(self) -> None:
         names = [a.removeprefix("-") for a in self.axes]

@@ -9,7 +9,7 @@ import numpy as np
 
 from cell.poses import Array
 from drivers.tracker.frames import from_mathematical, from_station
-from drivers.tracker.line_config import CARTESIAN, LineStreamConfig
+from drivers.tracker.line_config import CARTESIAN, STATED, LineStreamConfig
 
 _METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 _PASCALS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "mmHg": 133.322, "inHg": 3386.389}
@@ -29,6 +29,7 @@ class Parsed:
     status: str
     temperature_c: float | None = None
     pressure_pa: float | None = None
+    sigma_m: float | None = None  # along one axis, as the sender states it of this very point
 
 
 class LineParser:
@@ -66,7 +67,7 @@ class LineParser:
         distance = math.hypot(*point)
         if not config.min_range_m <= distance <= config.max_range_m:
             return Parsed(None, f"a point at {distance:g} m is no point", *air)
-        return Parsed(point * (1.0 + constant_m / distance), "", *air)
+        return Parsed(point * (1.0 + constant_m / distance), "", *air, self._sigma(found))
 
     def _fields(self, text: str) -> Mapping[str, str]:
         if self._pattern is not None:
@@ -92,6 +93,18 @@ class LineParser:
         if self._config.horizontal == "clockwise":
             return from_station(hz, v if self._config.vertical == "zenith" else math.pi / 2 - v, distance)
         return from_mathematical(hz, v if self._config.vertical == "elevation" else math.pi / 2 - v, distance)
+
+    def _sigma(self, found: Mapping[str, str]) -> float | None:
+        """Half of an uncertainty of 95 %, where that is what the sender states."""
+        name = next((name for name in STATED if name in found), None)
+        if name is None:
+            return None
+        stated = (
+            self._number(found, name) * _METRES[self._config.length_unit] / (2.0 if name == "u95" else 1.0)
+        )
+        if stated < 0.0:
+            raise BadLine(f"its {name} is negative")
+        return stated
 
     def _pressure(self, found: Mapping[str, str]) -> float | None:
         """Of the air, Pa. One in another unit would be a wrong correction of every distance."""

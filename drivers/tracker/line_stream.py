@@ -47,7 +47,7 @@ class LineStreamTracker(SampledDevice):
         self._read = asyncio.Event()  # a line, for the first time
         self._asked: float | None = None  # when the request was sent that has no answer yet
         self._last_arrival = 0.0
-        self._air: tuple[float | None, float | None] = (None, None)
+        self._newest: Parsed | None = None
         self._selected: str | None = None
         self._found = False
         self._seq = self._bad = self._bad_in_a_row = self._unasked = 0
@@ -71,8 +71,7 @@ class LineStreamTracker(SampledDevice):
             told = {"told": "serial" in self._config.fields}
             self._identity = Identity(self._config.model, self._config.serial, "", told)
             self._life.keep_going(self._run(link), "reading")
-            async with asyncio.timeout(self._config.silence_s):
-                await self._read.wait()
+            await self._first_line()
             self._life.require()
         except OSError as exc:
             await self.close()
@@ -81,6 +80,11 @@ class LineStreamTracker(SampledDevice):
         except BaseException:
             await self.close()
             raise
+
+    async def _first_line(self) -> None:
+        """Wait for one that can be read; ``TimeoutError`` without it."""
+        async with asyncio.timeout(self._config.silence_s):
+            await self._read.wait()
 
     async def close(self) -> None:
         """End the connection."""
@@ -138,11 +142,7 @@ class LineStreamTracker(SampledDevice):
 
     async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
         """The mean of lines that were all read after the call and agree; errors as for any tracker."""
-        self._life.require()
-        if self._selected is None:
-            raise error(
-                "TRACKER_SETTING", f"no reflector of {self.name} was selected, so its constant is not known"
-            )
+        self._require_selected()
         window = StableWindow(window_s, max_scatter_m, self._config.min_readings)
         begin = self._clock.now()
         seen = begin  # when there was a point last
@@ -153,18 +153,31 @@ class LineStreamTracker(SampledDevice):
                 if sample is not None and sample.value.point is not None:
                     self._found, seen = True, self._clock.now()
                     if window.add(sample.t, sample.dt, sample.value.point):
-                        return window.sample(sample.seq, *self._air)
+                        return window.sample(sample.seq, *self._air())
                     continue
                 window.restart()
                 if self._clock.now() - seen >= self._config.broken_after_s:
                     raise self._lost_target()
         raise window.unstable(self.name, timeout)
 
+    def _require_selected(self) -> None:
+        self._life.require()
+        if self._selected is None:
+            raise error(
+                "TRACKER_SETTING", f"no reflector of {self.name} was selected, so its constant is not known"
+            )
+
     def _lost_target(self) -> CellError:
         name = "TRACKER_BEAM_BROKEN" if self._found else "TRACKER_NO_TARGET"
         last = self.readings.last()
         why = f", and {last.value.status}" if last is not None and last.value.status else ""
         return error(name, f"{self.name}: no point for {self._config.broken_after_s:g} s{why}")
+
+    def _air(self) -> tuple[float | None, float | None]:
+        """Temperature (deg C) and pressure (Pa) of the newest line."""
+        return (
+            (None, None) if self._newest is None else (self._newest.temperature_c, self._newest.pressure_pa)
+        )
 
     def _newcomers(self) -> AbstractAsyncContextManager[Newcomers[TrackerState]]:
         return newcomers(self.readings, self._life, self._clock.now() - self._config.time_offset_s)
@@ -232,7 +245,7 @@ class LineStreamTracker(SampledDevice):
             begin, end = self._asked, now
         elif not newest:
             begin = self._last_arrival - uncertain
-        self._air = parsed.temperature_c, parsed.pressure_pa
+        self._newest = parsed
         self._seq += 1
         t = 0.5 * (begin + end) - self._config.time_offset_s
         quality = Quality.GOOD if parsed.point is not None else Quality.DEGRADED

@@ -106,6 +106,7 @@ class Visitor:
             "notes": {
                 "readings": point.count,
                 "window_s": point.window_s,
+                "sigma_m": point.sigma_m,
                 "temperature_c": point.temperature_c,
                 "pressure_pa": point.pressure_pa,
                 "warnings": list(point.warnings),

@@ -19,8 +19,8 @@ KIND_OF_ROLE = {
 }  # fmt: skip
 KIND_OF_DRIVER = {
     "ur": "arm", "oak": "camera", "modbus-inputs": "inputs", "arm-inputs": "inputs", "geocom": "tracker",
-    "line-stream": "tracker", "observed-arm": "observed arm", "arm-gripper": "gripper",
-    "modbus-gripper": "gripper", "robotiq": "gripper",
+    "line-stream": "tracker", "line-points": "tracker", "observed-arm": "observed arm",
+    "arm-gripper": "gripper", "modbus-gripper": "gripper", "robotiq": "gripper",
     "canopen-encoder": "encoder", "raw-can-encoder": "encoder",
 }  # fmt: skip
 WRONG = [
@@ -60,6 +60,16 @@ sigma_per_m = 1e-5
 length_unit = "m"
 reflectors = { a = {} }
 columns = { x = 1, y = 2, z = 3 }
+[device.line-points]
+driver = "line-points"
+url = "tcp://10.0.0.4:5001"
+serial = "1"
+sigma0_m = 1e-5
+sigma_per_m = 1e-5
+length_unit = "m"
+reflectors = { a = {} }
+columns = { x = 1, y = 2, z = 3 }
+request = "measure\\n"
 [device.observed-arm]
 driver = "observed-arm"
 url = "file:///var/joints.csv"

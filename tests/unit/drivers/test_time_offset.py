@@ -24,6 +24,7 @@ from drivers.observed_arm.registers import RegisterSource
 from drivers.tracker.geocom import GeocomTracker
 from drivers.tracker.geocom_config import GeocomConfig
 from drivers.tracker.line_config import LineStreamConfig
+from drivers.tracker.line_points import LinePointConfig, LinePointTracker
 from drivers.tracker.line_stream import LineStreamTracker
 from tests.unit.drivers.test_ur_feed import Rig
 
@@ -127,9 +128,21 @@ def observed_file(offset_s: float, folder: Path) -> float:
     return asyncio.run(look())
 
 
+def line_points(offset_s: float, folder: Path) -> float:
+    config = LinePointConfig(
+        url="tcp://10.0.0.4:5000", serial="1", sigma0_m=1e-5, sigma_per_m=1e-5, length_unit="m",
+        reflectors={"a": {}}, columns={"x": 1, "y": 2, "z": 3}, request="go", time_offset_s=offset_s,
+    )  # fmt: skip
+    device = LinePointTracker("tracker", config, Still())
+    device._ask()
+    device._take(b"1,2,3", NOW, newest=True)
+    return device.readings.latest(1.0).t
+
+
 STAMPS: dict[str, Callable[[float, Path], float]] = {
     "ur": arm, "oak": camera, "modbus-inputs": inputs, "raw-can-encoder": encoder, "canopen-encoder": encoder,
-    "geocom": total_station, "line-stream": line_stream, "observed-arm": observed_registers,
+    "geocom": total_station, "line-stream": line_stream, "line-points": line_points,
+    "observed-arm": observed_registers,
 }  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from drivers.tracker import LineStreamConfig
@@ -291,3 +292,10 @@ def test_a_pressure_without_its_unit_is_no_configuration(
 ) -> None:
     with pytest.raises(ValueError, match=words):
         parser(columns={"x": 1, "y": 2, "z": 3, **columns}, pressure_unit=unit)
+
+
+def test_what_a_sender_states_of_its_point_is_for_points_that_are_asked_for() -> None:
+    with pytest.raises(
+        ValidationError, match=r"'u95' is of a point that is asked for, with driver = .line-points"
+    ):
+        parser(columns={"x": 1, "y": 2, "z": 3, "u95": 4})
