@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import ndtr
 
-from calibration.tool_frame.glimpse import LOST, Glimpse
+from calibration.tool_frame.glimpse import Glimpse
 from calibration.tool_frame.repeatability import PassScatter
 from calibration.tool_frame.standstills import SHARED
 from calibration.tool_frame.tip import TipShape, ToolInBeam
@@ -24,10 +24,11 @@ _ZOOMS = 3
 ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
 NEAR_M = 8e-4  # deeper down, the length of a break tells little of the height, and shapes differ more
 _FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left out
-_AT_ONCE = 50_000  # numbers that are worked on together, so that they stay near the processor
+_AT_ONCE = 200_000  # numbers that are worked on together, so that they stay near the processor
 _MOST_AT_ONCE = 32  # passes whose product is taken; none is less likely than LOST squared
 _NARROW = 0.05  # points of the grid: as good as no normal at all
 _NOTHING = 1e-25  # a share so small is rounded away beside LOST squared
+_STRETCH = 107  # points of the grid that are blurred at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,33 +141,37 @@ class _Blur:
     """Folds with normals of ``points`` (S,) of a grid of ``n``, beyond whose ends all is as it is there.
 
     A point takes what its cell of the grid has of the normal; that adds the cell's own variance, which is
-    taken from the normal's."""
+    taken from the normal's. By products with matrices, stretch by stretch, of the points that are near enough
+    to count: at this size Fourier transforms take longer, and leave noise where the values are small."""
 
     def __init__(self, points: Array, n: int) -> None:
-        wide = np.sqrt(np.maximum(points**2 - 1.0 / 12.0, _NARROW**2))[:, None]
-        below = ndtr((np.arange(-n, n) + 0.5) / wide)
-        self._size = next_fast_len(2 * n - 1, real=True)
-        kernel = np.diff(below)  # of the distances 1 - n .. n - 1
-        around = np.zeros((len(points), self._size))
-        around[:, np.arange(1 - n, n)] = kernel
-        self._transfer = rfft(around)
-        reach = max(int(np.count_nonzero(below[:, :n].max(axis=0) > _NOTHING)), 1)
-        self._before = below[:, n - 1 :: -1][:, :reach]
-        self._after = below[:, n - reach : n]
+        self._parts = [_stretches(each, n) for each in points]
 
     def of(self, values: Array) -> Array:
         """(S, ..., n) of ``values`` (S, ..., n) or (1, ..., n)."""
-        n = values.shape[-1]
-        transfer, before, after = (
-            each.reshape(len(each), *[1] * (values.ndim - 2), -1)
-            for each in (self._transfer, self._before, self._after)
-        )
-        found: Array = irfft(rfft(values, self._size) * transfer, self._size)[..., :n]
-        reach = before.shape[-1]
-        found[..., :reach] += values[..., :1] * before
-        found[..., -reach:] += values[..., -1:] * after
-        np.maximum(found, LOST**2, out=found)  # NumPy's clip takes three times as long
-        return np.minimum(found, 1.0, out=found)
+        rows = values.reshape(len(values), -1, values.shape[-1])
+        found = np.empty((len(self._parts), *rows.shape[1:]))
+        for k, (each, parts) in enumerate(zip(found, self._parts, strict=True)):
+            given = rows[k if len(rows) > 1 else 0]
+            for near, there, shares in parts:
+                np.matmul(given[:, near], shares, out=each[:, there])
+        return found.reshape(len(found), *values.shape[1:])
+
+
+def _stretches(points: float, n: int) -> list[tuple[slice, slice, Array]]:
+    """Of one normal: which points (k) of the grid count for which stretch (m) of it, and how much (k, m)."""
+    below = ndtr((np.arange(-n, n) + 0.5) / np.sqrt(max(points**2 - 1.0 / 12.0, _NARROW**2)))
+    reach = int(np.count_nonzero(below[:n] > _NOTHING))
+    shares = np.diff(below)  # of the distances 1 - n .. n - 1
+    matrix = sliding_window_view(shares, n)[::-1].copy()  # (from, to)
+    matrix[0] += below[n - 1 :: -1]
+    matrix[-1] += below[:n]
+    parts = []
+    for first in range(0, n, _STRETCH):
+        there = slice(first, first + _STRETCH)
+        near = slice(max(first - reach, 0), first + _STRETCH + reach)
+        parts.append((near, there, matrix[near, there].copy()))
+    return parts
 
 
 def mixed(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from calibration.tool_frame import height
 from calibration.tool_frame.glimpse import LOST, glimpse
@@ -112,6 +113,21 @@ def test_ends_are_looked_at_a_few_at_a_time_and_say_what_each_says_alone(
     for k in (0, 1, len(ENDS) - 1):
         alone = log_likelihood(seen, VIEW, ENDS[k : k + 1], scatter, grid)
         assert together[k] == pytest.approx(alone[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("points", [0.01, 0.4, 3.0, 60.0])
+def test_a_fold_takes_from_each_point_what_its_cell_has_of_the_normal_and_goes_on_beyond_the_ends(
+    points: float,
+) -> None:
+    n, far = 2 * height._STRETCH + 30, 800
+    values = np.random.default_rng(2).uniform(LOST, 1.0, (1, 2, n))
+    at = np.arange(-far, n + far)
+    longer = values[..., np.clip(at, 0, n - 1)]
+    sigma = max(points**2 - 1.0 / 12.0, height._NARROW**2) ** 0.5
+    share = [norm.cdf((at - k + 0.5) / sigma) - norm.cdf((at - k - 0.5) / sigma) for k in range(n)]
+    found = height._Blur(np.array([1.0, points]), n).of(values)
+    assert found.shape == (2, 2, n)
+    assert found[1] == pytest.approx(longer[0] @ np.array(share).T, rel=1e-9)
 
 
 @pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
