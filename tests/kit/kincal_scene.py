@@ -34,12 +34,13 @@ RANGES = {
 }
 
 
-def turn(axis: str, angle: float) -> Array:
+def turn(axis: str, angle: Array | float) -> Array:
+    """(..., 4, 4) for angles (...)."""
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    T = np.eye(4)
-    T[i, i] = T[j, j] = np.cos(angle)
-    T[j, i] = np.sin(angle)
-    T[i, j] = -T[j, i]
+    T = np.tile(np.eye(4), (*np.shape(angle), 1, 1))
+    T[..., i, i] = T[..., j, j] = np.cos(angle)
+    T[..., j, i] = np.sin(angle)
+    T[..., i, j] = -T[..., j, i]
     return T
 
 
@@ -49,12 +50,13 @@ def shift(x: float, y: float, z: float) -> Array:
     return T
 
 
-def link(theta: float, d: float, a: float, alpha: float, beta: float = 0.0) -> Array:
+def link(theta: Array | float, d: float, a: float, alpha: float, beta: float = 0.0) -> Array:
     return turn("z", theta) @ shift(0, 0, d) @ shift(a, 0, 0) @ turn("x", alpha) @ turn("y", beta)
 
 
-def palletizer_flange(p: Mapping[str, float], q: Sequence[float]) -> Array:
-    """The model of a palletizer, row by row."""
+def palletizer_flange(p: Mapping[str, float], Q: Array) -> Array:
+    """The model of a palletizer, row by row; (..., 4, 4) for joints (..., 4)."""
+    q = np.moveaxis(Q, -1, 0)
     two, three = p["k2"] * q[1] + p["t2"], p["k3"] * q[2] + p["t3"]
     return (
         link(p["k1"] * q[0] + p["t1"], p["d1"], p["a1"], np.pi / 2)
@@ -65,30 +67,31 @@ def palletizer_flange(p: Mapping[str, float], q: Sequence[float]) -> Array:
     )
 
 
-def ur_flange(rows: Array, q: Sequence[float]) -> Array:
-    """``rows`` (6, 5): theta, d, a, alpha, beta."""
+def ur_flange(rows: Array, Q: Array) -> Array:
+    """(..., 4, 4) for joints (..., 6); ``rows`` (6, 5): theta, d, a, alpha, beta."""
     T = np.eye(4)
-    for row, angle in zip(rows, q, strict=True):
+    for row, angle in zip(rows, np.moveaxis(Q, -1, 0), strict=True):
         T = T @ link(row[0] + angle, *row[1:])
     return T
 
 
 @dataclass(frozen=True)
 class Truth:
-    """An arm with errors and where the tracker stands; ``flange(q)`` is (4, 4) in the base."""
+    """An arm with errors and where the tracker stands; ``flange(Q)`` is (..., 4, 4) in the base."""
 
     kind: str
     table: Any
     tools: dict[str, Array]
     T_tracker_base: Array
 
-    def flange(self, q: Sequence[float]) -> Array:
-        return (palletizer_flange if self.kind == "palletizer" else ur_flange)(self.table, q)
+    def flange(self, Q: Sequence[float] | Array) -> Array:
+        return (palletizer_flange if self.kind == "palletizer" else ur_flange)(self.table, np.asarray(Q))
 
     def p_tracker(self, Q: Array, targets: Sequence[str]) -> Array:
         """(n, 3)"""
-        points = [self.flange(q) @ [*self.tools[t], 1.0] for q, t in zip(Q, targets, strict=True)]
-        return np.asarray((self.T_tracker_base @ np.array(points).T)[:3].T)
+        tools = np.array([[*self.tools[t], 1.0] for t in targets])
+        points = self.flange(Q) @ tools[:, :, None]
+        return np.asarray((self.T_tracker_base @ points)[:, :3, 0])
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def test_the_palletizer_is_its_table_multiplied_out() -> None:
     arm = arm_of({"family": "palletizer4", "parameters": table})
     Q = joints("palletizer", np.random.default_rng(0), 30)
     found = arm.base.flange(Q)
-    np.testing.assert_allclose(found, [palletizer_flange(table, q) for q in Q], atol=1e-12)
+    np.testing.assert_allclose(found, palletizer_flange(table, Q), atol=1e-12)
     np.testing.assert_allclose(found[:, 2, :3], [[0.0, 0.0, 1.0]] * 30, atol=1e-12)
 
 
@@ -81,7 +81,7 @@ def test_adjusted_parameters_move_the_arm_as_a_table_with_them_would() -> None:
     table = {name: v + 1e-2 * rng.normal() for name, v in PALLETIZER.items()}
     chain = drawn.chain(np.array([table[name] for name in drawn.names]))
     Q = joints("palletizer", rng, 10)
-    np.testing.assert_allclose(chain.flange(Q), [palletizer_flange(table, q) for q in Q], atol=1e-12)
+    np.testing.assert_allclose(chain.flange(Q), palletizer_flange(table, Q), atol=1e-12)
     rows = rng.normal(size=(6, 5)) * 1e-2
     ur = arm_of({"model": "ur10e"})
     moved = ur.nominal + [rows[int(n[-1]) - 1, ["t", "d", "a", "l", "b"].index(_first(n))] for n in ur.names]
@@ -90,7 +90,7 @@ def test_adjusted_parameters_move_the_arm_as_a_table_with_them_would() -> None:
         [np.zeros(6), *(getattr(ur_chain("ur10e"), k) for k in ("d", "a", "alpha", "beta"))]
     )
     Q = joints("ur10e", rng, 10)
-    expected = [ur_flange(nominal + rows, q) for q in Q]
+    expected = ur_flange(nominal + rows, Q)
     np.testing.assert_allclose(ur.chain(moved).flange(Q), expected, atol=1e-12)
 
 

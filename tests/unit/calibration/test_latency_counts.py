@@ -22,8 +22,8 @@ def found(seed: int, steady: bool = False, seconds: float = 60.0) -> Delay:
     stamps = np.arange(0.0, seconds + 2.0, 0.005)
     counts = np.floor(belt(stamps - LATE_S, steady) / SCALE_M)
     rows = []
-    for t in np.arange(0.5, seconds, 0.25):
-        travel = float(belt(np.array([t]), steady)[0])
+    shots = np.arange(0.5, seconds, 0.25)
+    for t, travel in zip(shots, belt(shots, steady), strict=True):
         for k in range(-60, 3):
             along = travel + 0.3 * k
             if 0.0 < along < 0.7:
