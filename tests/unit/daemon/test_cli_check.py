@@ -2,12 +2,10 @@
 
 import json
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
 
-from calibration.tool_frame.prediction import predict
 from cell.store.ledger import Ledger
 from cell.wire_recording.reader import read_recording
 from daemon.cli import machine
@@ -15,6 +13,7 @@ from daemon.cli.check import _clauses
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import DemoScene
+from procedures.hand_eye.plan import plan_placement
 from procedures.laser.plan import plan_scan
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.object_cell import PLANNERS, write_config
@@ -29,12 +28,10 @@ def subject(
     return CommandLine(monkeypatch, capsys, CellOnDisk(tmp_path).config)
 
 
-_predict = cache(predict)  # a few dozen commands ask for the same handful of predictions
-
-
 @pytest.fixture(autouse=True)
-def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("procedures.laser.expectation.predict", _predict)
+def _planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few dozen commands ask for the same handful of plans."""
+    monkeypatch.setattr("procedures.hand_eye.expectation.plan_placement", PLANNERS[plan_placement])
     monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
 
 
