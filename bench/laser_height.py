@@ -55,7 +55,7 @@ async def one(folder: Path, cell: str, seed: int, tally: Tally) -> None:
         if not await _done(subject, "laser-reference", tally):
             return
         (row,) = subject.ledger.results(laser_reference(TOOL))
-        await subject.engine.accept(row["id"], "bench")
+        await subject.engine.decisions.accept(row["id"], "bench")
         _bump(subject, rng.uniform(-1e-3, 1e-3, 3), rng.uniform(-8e-3, 8e-3, 2))
         began = subject.clock.now()
         if not await _done(subject, "laser-update", tally):

@@ -229,7 +229,7 @@ async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:
         await asyncio.to_thread(reject_left_open, ledger, engine.jobs)
     except CellError as exc:
         log.error("results that interrupted runs left open cannot be rejected: %s", exc)
-    await engine.look_what_waits()
+    await engine.decisions.look()
 
 
 async def _end(tasks: list[asyncio.Task[Any]]) -> None:

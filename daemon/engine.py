@@ -4,7 +4,6 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,11 @@ from cell.kinds import as_kind
 from cell.packml import PackML
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
-from cell.store.runs import RunFolder, load_run
-from cell.store.signatures import Statement, sign
+from cell.store.runs import RunFolder
 from daemon.adoption import adoptable
 from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
-from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
+from daemon.deciding import Decisions
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
@@ -35,7 +33,7 @@ from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
 from daemon.tools import ARGUMENT, CellTool, asked_tool, told_tool
-from daemon.values import recorded, resolve_values, tell_configured, with_arm_model, with_limits
+from daemon.values import recorded, resolve_values, with_arm_model, with_limits
 from procedures.arm_setup import arm_models
 
 log = logging.getLogger("cellward.engine")
@@ -54,7 +52,6 @@ class Engine:
         self.figures = NO_FIGURES  # of the last result, for registers
         self.error: CellError | None = None
         self.interrupted: list[int] = []
-        self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self.disk: Callable[[], dict[str, Any]] = dict
         self.due: Callable[[], list[dict[str, Any]]] = list  # calibrations that want to be checked
@@ -68,7 +65,8 @@ class Engine:
         self._finish_by = ""  # who asked to finish it, which it cannot yet: the arm's program is not started
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
-        self.program_start = ProgramStart(context, self._publish)
+        self.program_start = ProgramStart(context, self.publish)
+        self.decisions = Decisions(self)
 
     # -- what outside asks for
 
@@ -120,7 +118,7 @@ class Engine:
         )
         try:
             run = Run(
-                folder.run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models
+                folder.run_id, procedure, context, folder.path, folder, values, self.publish, adopted, models
             )
             if request.dry_run:
                 return await self._dry_run(run, folder)
@@ -134,7 +132,7 @@ class Engine:
         if self._finish_by:
             self.program_start.withdraw(self._finish_by)
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
-        self._publish()
+        self.publish()
         return {"run_id": run.id, "folder": folder.path.name}
 
     def _tool_of(self, procedure: Procedure, asked: str | None) -> CellTool | None:
@@ -236,58 +234,12 @@ class Engine:
         self.error = None
         self.idle_state = PackML.IDLE
         log.info("reset by %s", who)
-        self._publish()
+        self.publish()
 
     def arm_fault(self) -> Exception | None:
         """The coded error that the arm shows now, job or not."""
         arm = self._arm()
         return None if arm is None else arm.fault()
-
-    async def accept(self, result_id: int, who: str, warned: bool = False, why: str = "") -> dict[str, Any]:
-        """Accept a result; ``RESULT_WARNS`` for one with warnings unless ``warned`` says they were read."""
-        await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
-        await asyncio.to_thread(check_confirmed, self.ledger, self.jobs, result_id)
-        require_read(await asyncio.to_thread(self.ledger.result, result_id), warned)
-        await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
-        entry = await asyncio.to_thread(self.ledger.accept, result_id, who, why=why)
-        await self._draw_again(entry["run_id"])
-        await self.look_what_waits()
-        return {**entry, "use": use_of(self.context.config, entry["name"], entry["version"])}
-
-    async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
-        await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
-        entry = await asyncio.to_thread(self.ledger.reject, result_id, who, why)
-        await self._draw_again(entry["run_id"])
-        await self.look_what_waits()
-        return entry
-
-    async def look_what_waits(self) -> None:
-        """Read the results that wait for a decision, for everybody who asks what to do."""
-        self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
-        self._publish()
-
-    async def rollback(self, name: str, who: str) -> dict[str, Any]:
-        await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
-        before = await asyncio.to_thread(self.ledger.in_effect, name)
-        now = await asyncio.to_thread(self.ledger.rollback, name, who)
-        if before is not None:
-            await self._draw_again(before["run_id"])
-        self._publish()
-        return now
-
-    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]:
-        run = await asyncio.to_thread(load_run, self.runs, run_id)
-        signature = await asyncio.to_thread(sign, run, said, who)
-        self.report_wanted(run.path)
-        return asdict(signature)
-
-    async def _draw_again(self, run_id: int) -> None:
-        """A report tells what became of the result; a run that is gone has none."""
-        with suppress(CellError):
-            self.report_wanted((await asyncio.to_thread(load_run, self.runs, run_id)).path)
-
-    async def acknowledge_ledger(self) -> dict[str, Any]:
-        return await asyncio.to_thread(self.ledger.acknowledge_damage)
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Call ``listener`` after every change; the returned function ends that."""
@@ -389,7 +341,7 @@ class Engine:
                 self._ending = PackML.ABORTING
                 job.cancel()
                 run.note("error", **failure.as_dict())
-                self._publish()
+                self.publish()
             await asyncio.wait([job])
             failure = failure or self._told_by_loss(failure_of(job), devices)
             # While the data are on disk nothing about them may fail the run silently.
@@ -440,7 +392,7 @@ class Engine:
         unwritten = await write_end(run, folder, self.ledger, end)
         failure = failure or unwritten
         with suppress(Exception):  # nothing keeps the next run from starting; who asks the ledger is told
-            self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
+            await self.decisions.look()
         figures, shown = await asyncio.to_thread(shown_of, run)
         self.last = {
             "run_id": run.id,
@@ -456,7 +408,7 @@ class Engine:
         self._closing = False
         level = logging.INFO if failure is None else logging.ERROR
         log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
-        self._publish()
+        self.publish()
         if run.result is None:
             self.report_wanted(folder.path)
         self.program_start.ended(run, folder, end, failure)
@@ -481,7 +433,7 @@ class Engine:
             if self._job is not None:
                 self._job.cancel()
             run.note("operator", event=verb, who=who)
-            self._publish()
+            self.publish()
 
     def _only_a_program(self, who: str) -> bool:
         """The arm's own program is not started for this run; True where nothing but that can be stopped."""
@@ -489,13 +441,14 @@ class Engine:
 
     def _set_ending(self, state: PackML) -> None:
         self._ending = state
-        self._publish()
+        self.publish()
 
     def _active(self) -> Run:
         if self._task is None or self.run is None or self._closing:
             raise error("NOT_NOW", "no job is running")
         return self.run
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Tell who subscribed that something has changed."""
         for listener in tuple(self._listeners):
             listener()

@@ -103,7 +103,9 @@ class PlcFace:
         if not waiting:
             raise error("NOT_NOW", f"run {run_id} has no result that waits for a decision")
         for result_id in waiting:
-            await self._engine.accept(result_id, who, warned=True)  # the PLC reads the bit that warns
+            await self._engine.decisions.accept(
+                result_id, who, warned=True
+            )  # the PLC reads the bit that warns
 
     def heartbeat_changed(self, alive: bool) -> None:
         """A PLC that went silent holds the job at its next checkpoint; only a person or a PLC resumes it.

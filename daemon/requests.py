@@ -21,6 +21,18 @@ MAX_DEPTH = 16
 MAX_NUMBER = 2**63 - 1  # as the ledger's columns hold it
 
 
+class DecisionsControl(Protocol):
+    """What is decided of results and calibrations."""
+
+    async def accept(
+        self, result_id: int, who: str, warned: bool = False, why: str = ""
+    ) -> dict[str, Any]: ...
+    async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]: ...
+    async def rollback(self, name: str, who: str) -> dict[str, Any]: ...
+    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]: ...
+    async def acknowledge_ledger(self) -> dict[str, Any]: ...
+
+
 class EngineControl(Protocol):
     """What is asked of the job engine. All refusals are ``CellError``."""
 
@@ -36,13 +48,8 @@ class EngineControl(Protocol):
     async def pause(self, who: str) -> None: ...
     async def resume(self, who: str) -> None: ...
     async def reset(self, who: str) -> None: ...
-    async def accept(
-        self, result_id: int, who: str, warned: bool = False, why: str = ""
-    ) -> dict[str, Any]: ...
-    async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]: ...
-    async def rollback(self, name: str, who: str) -> dict[str, Any]: ...
-    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]: ...
-    async def acknowledge_ledger(self) -> dict[str, Any]: ...
+    @property
+    def decisions(self) -> DecisionsControl: ...
     def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]: ...
 
 
@@ -121,7 +128,7 @@ WRITES: dict[str, Callable[[EngineControl, Params, Caller], Awaitable[Any]]] = {
     "resume": lambda engine, params, by: engine.resume(by.who),
     "reset": lambda engine, params, by: engine.reset(by.who),
     "accept": lambda engine, params, by: _brief(
-        engine.accept(
+        engine.decisions.accept(
             params.get("result_id", int),
             by.who,
             params.get("warned", bool, False),
@@ -129,15 +136,15 @@ WRITES: dict[str, Callable[[EngineControl, Params, Caller], Awaitable[Any]]] = {
         )
     ),
     "reject": lambda engine, params, by: _brief(
-        engine.reject(params.get("result_id", int), by.who, params.get("why", str, ""))
+        engine.decisions.reject(params.get("result_id", int), by.who, params.get("why", str, ""))
     ),
-    "sign": lambda engine, params, by: engine.sign(
+    "sign": lambda engine, params, by: engine.decisions.sign(
         params.get("run_id", int),
         Statement(*(params.get(key, str) for key in ("name", "role", "remark", "digest"))),
         by.who,
     ),
-    "acknowledge_ledger": lambda engine, params, by: engine.acknowledge_ledger(),
-    "rollback": lambda engine, params, by: _brief(engine.rollback(params.get("name", str), by.who)),
+    "acknowledge_ledger": lambda engine, params, by: engine.decisions.acknowledge_ledger(),
+    "rollback": lambda engine, params, by: _brief(engine.decisions.rollback(params.get("name", str), by.who)),
 }
 
 

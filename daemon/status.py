@@ -9,6 +9,7 @@ from cell.procedure import Run
 from cell.store.ledger import Ledger
 from cell.store.summary import summary
 from daemon.cell_context import CellContext
+from daemon.deciding import Decisions
 from daemon.program_start import ProgramStart
 from daemon.tools import told_tool
 
@@ -23,11 +24,11 @@ class Shown(Protocol):
     last: dict[str, Any] | None
     error: CellError | None
     interrupted: list[int]
-    waiting: list[dict[str, Any]]
     loop_lag: Callable[[], dict[str, float]]
     disk: Callable[[], dict[str, Any]]
     due: Callable[[], list[dict[str, Any]]]
     program_start: ProgramStart
+    decisions: Decisions
 
     @property
     def packml(self) -> PackML: ...
@@ -61,7 +62,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "ledger_damage": engine.ledger.damage(),
         "disk": engine.disk(),
         "due": engine.due(),
-        "waiting": engine.waiting,
+        "waiting": engine.decisions.waiting,
         "program_start": engine.program_start.told,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),

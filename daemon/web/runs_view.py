@@ -91,7 +91,7 @@ class RunsView:
             words = result_text(result, str(path))
         except CellError as exc:
             words = str(exc)
-        waiting = [entry for entry in self._engine.waiting if entry["run_id"] == folder.run_id]
+        waiting = [entry for entry in self._engine.decisions.waiting if entry["run_id"] == folder.run_id]
         return {**kept, "words": words, "waiting": waiting}
 
     async def against(self, request: web.Request) -> web.Response:

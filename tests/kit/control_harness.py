@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from cell.errors import CellError
 from cell.store.signatures import Statement
@@ -64,6 +64,10 @@ class RecordingEngine:
 
     async def reset(self, who: str) -> None:
         await self._ask("reset", who)
+
+    @property
+    def decisions(self) -> Self:
+        return self
 
     async def accept(self, result_id: int, who: str, warned: bool = False, why: str = "") -> dict[str, Any]:
         return {"accepted": result_id, "who": who}

@@ -200,7 +200,7 @@ async def _do_again(session: Session, engine: Engine, clock: Clock) -> None:
         elif method == "accept":
             while engine.active:
                 await clock.sleep(0.01)
-            await engine.accept(params["result_id"], WHO)
+            await engine.decisions.accept(params["result_id"], WHO)
     while engine.active:
         await clock.sleep(0.05)
 

@@ -38,7 +38,7 @@ async def done(cell: Any, job: str, accept: str = "", **how: Any) -> None:
     assert end["outcome"] == "complete", end
     if accept:
         rows = [r for r in cell.ledger.results() if r["state"] == "proposed" and r["name"].startswith(accept)]
-        await cell.engine.accept(rows[0]["id"], WHO)
+        await cell.engine.decisions.accept(rows[0]["id"], WHO)
 
 
 async def hand_eye(folder: Path) -> None:

@@ -36,7 +36,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert (await cell.run_job())["outcome"] == "complete"
             drawn: list[Path] = []
             cell.engine.report_wanted = drawn.append
-            await cell.engine.accept(1, "somebody", warned=True)
+            await cell.engine.decisions.accept(1, "somebody", warned=True)
             auditor = Auditor(audit)
             auditor.start()
             digest = fingerprint(cell.folder(1).path).digest

@@ -72,13 +72,13 @@ def test_the_engine_refuses_a_silent_accept_and_tells_what_waits(tmp_path: Path)
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
             row = cell.ledger.propose("kinematics.arm", {"robot": {}}, WARNED, 7, None)
-            await cell.engine.look_what_waits()
+            await cell.engine.decisions.look()
             waits = [{"id": row, "name": "kinematics.arm", "run_id": 7}]
             assert cell.engine.status()["waiting"] == waits
-            refusal = await refused(cell.engine.accept(row, WHO))
+            refusal = await refused(cell.engine.decisions.accept(row, WHO))
             assert refusal.name == "RESULT_WARNS"
             assert cell.ledger.result(row)["state"] == "proposed", "nothing happened"
-            entry = await cell.engine.accept(row, WHO, warned=True)
+            entry = await cell.engine.decisions.accept(row, WHO, warned=True)
             assert "accepted and not used" in entry["use"]
             assert cell.engine.status()["waiting"] == []
 

@@ -137,7 +137,7 @@ def test_adopting_after_another_calibration_was_committed_is_refused(tmp_path: P
     async def adopt(cell: ObjectCell, run_id: int) -> None:
         await cell.run_job()
         (proposed,) = cell.ledger.results()
-        await cell.engine.accept(proposed["id"], "test")
+        await cell.engine.decisions.accept(proposed["id"], "test")
         assert (await refused(cell.start(adopt=run_id))).name == "IDENTITY_DIFFERS"
 
     two_lives(write_config(tmp_path), 1, adopt)

@@ -44,7 +44,7 @@ def test_a_passing_result_is_proposed_and_waits_for_a_person(tmp_path: Path) -> 
             proposed = only_result(cell)
             assert (proposed["name"], proposed["state"], proposed["run_id"]) == (NAME, "proposed", 1)
             assert proposed["value"] == cell.result(1)["result"][NAME]
-            committed = await cell.engine.accept(proposed["id"], WHO)
+            committed = await cell.engine.decisions.accept(proposed["id"], WHO)
             assert (committed["state"], committed["version"]) == ("committed", 1)
 
     run_virtual(main())
@@ -141,9 +141,9 @@ def test_a_value_edited_under_a_committed_one_refuses_jobs_until_somebody_decide
             assert "T_flange_camera_nominal" in conflict.detail
             assert len(list(cell.runs.iterdir())) == 1
             if way_out == "accept":
-                await cell.engine.accept(only_result(cell)["id"], WHO)
+                await cell.engine.decisions.accept(only_result(cell)["id"], WHO)
             else:
-                await cell.engine.rollback(NAME, WHO)
+                await cell.engine.decisions.rollback(NAME, WHO)
             run_id = await cell.start()
             used = cell.folder(run_id).info["values"]["calibration"]["eye-in-hand"]["X"]
             assert used == (committed if way_out == "accept" else nominal)
@@ -162,7 +162,7 @@ def test_a_conflict_that_nobody_met_yet_is_settled_by_accepting_too(tmp_path: Pa
 
     async def second_life() -> None:
         async with open_cell(config.model_copy(update={"robot": robot})) as cell:
-            await cell.engine.accept(only_result(cell)["id"], WHO)
+            await cell.engine.decisions.accept(only_result(cell)["id"], WHO)
             assert (await cell.run_job())["outcome"] == "complete"
 
     run_virtual(first_life())

@@ -80,7 +80,7 @@ def test_what_was_measured_takes_effect_when_it_is_accepted(tmp_path: Path) -> N
         async with belt_cell(tmp_path, {"m_per_count": "1.01e-4"}) as cell:
             await cell.run_job()
             (row,) = [r for r in cell.ledger.results() if r["name"] == "belt.belt"]
-            await cell.engine.accept(row["id"], "test")
+            await cell.engine.decisions.accept(row["id"], "test")
             run_id = await cell.start()
             belt = cell.folder(run_id).info["values"]["belt"]
             assert belt["m_per_count"] == pytest.approx(1.01e-4, rel=1e-3)
@@ -326,7 +326,7 @@ def test_a_stop_ends_it_and_the_camera_looks_for_items_no_more(tmp_path: Path, w
 def test_without_a_calibrated_camera_it_is_refused(tmp_path: Path) -> None:
     async def scene() -> None:
         async with belt_cell(tmp_path) as cell:
-            await cell.engine.rollback("T_base_camera", "test")
+            await cell.engine.decisions.rollback("T_base_camera", "test")
             assert (await refused(cell.start())).name == "BELT_NO_CAMERA"
 
     run_virtual(scene())

@@ -149,7 +149,7 @@ def test_a_fault_in_mid_follow_ends_the_job_by_name_at_rest(
 def test_an_uncalibrated_camera_is_refused_before_anything_moves(tmp_path: Path) -> None:
     async def scene() -> None:
         async with picking_cell(picking_config(tmp_path)) as cell:
-            await cell.engine.rollback("T_base_camera", "test")
+            await cell.engine.decisions.rollback("T_base_camera", "test")
             assert (await refused(cell.start())).name == "BELT_NO_CAMERA"
 
     run_virtual(scene())

@@ -57,7 +57,7 @@ def test_a_moved_tool_is_found_and_a_bent_one_measured_tried_and_written_within_
             made = await cell.run_job()
             assert (made["outcome"], made["verdict"]) == ("complete", "pass"), made
             (row,) = cell.ledger.results(laser_reference(TOOL))
-            await cell.engine.accept(row["id"], WHO)
+            await cell.engine.decisions.accept(row["id"], WHO)
             good = await cell.run_job(job="laser-check")
             assert (good["outcome"], good["verdict"]) == ("complete", "pass"), cell.result(2)["reasons"]
             cell.plant.world.tool.bend(cell.clock.now(), BEND[0], [0.0, 0.0, 0.0])
@@ -85,7 +85,7 @@ def test_a_moved_tool_is_found_and_a_bent_one_measured_tried_and_written_within_
             assert cell.at_rest()
             assert replayed(cell, 1) == []
             the_plain_rule_misses(cell.folder(4).path, result["result"], row["value"], 2.0 * BEND[0][0])
-            now = await cell.engine.rollback(tool_calibration(TOOL), WHO)
+            now = await cell.engine.decisions.rollback(tool_calibration(TOOL), WHO)
             assert now["version"] is None, "one step back is the configured tool"
 
     run_virtual(main())
@@ -104,7 +104,10 @@ def test_an_operator_is_shown_the_figures_and_a_confirm_accepts(tmp_path: Path, 
             assert "moved by +1.000, -0.700, +0.000 mm in the flange" in text
             assert "the tilt was not measured (95 % uncertainty of the point 0.100 mm)" in text
             (row,) = cell.ledger.results(tool_calibration(TOOL))
-            for outside in (cell.engine.accept(row["id"], WHO), cell.engine.reject(row["id"], WHO, "no")):
+            for outside in (
+                cell.engine.decisions.accept(row["id"], WHO),
+                cell.engine.decisions.reject(row["id"], WHO, "no"),
+            ):
                 assert (await refused(outside)).name == "NOT_NOW"
             end = await cell.finished(run_id)
             assert end["verdict"] == "pass"
@@ -219,11 +222,11 @@ def test_a_candidate_that_could_not_even_be_rejected_is_nobody_s_to_accept(
             assert (await cell.finished(run_id))["outcome"] == "aborted"
             (row,) = cell.ledger.results(tool_calibration(TOOL))
             assert row["state"] == "accepted"
-            refusal = await refused(cell.engine.accept(row["id"], WHO))
+            refusal = await refused(cell.engine.decisions.accept(row["id"], WHO))
             assert (refusal.name, committed_tool(cell)) == ("NOT_NOW", None)
             assert "reject it" in str(refusal)
             cell.ledger.reject = reject  # type: ignore[method-assign]
-            assert (await cell.engine.reject(row["id"], WHO, "never tried"))["state"] == "rejected"
+            assert (await cell.engine.decisions.reject(row["id"], WHO, "never tried"))["state"] == "rejected"
 
     run_virtual(main())
 

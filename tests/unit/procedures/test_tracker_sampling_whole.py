@@ -60,7 +60,7 @@ def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         async with open_cell(config, job=JOB) as cell:
             end = await cell.run_job()
             rows = cell.ledger.results(kinematics(DEVICE[name]))
-            await cell.engine.rollback(kinematics(DEVICE[name]), "test")
+            await cell.engine.decisions.rollback(kinematics(DEVICE[name]), "test")
             assert cell.ledger.effective(kinematics(DEVICE[name]), None).version is None
             trends = {n: cell.ledger.trend(n, 5) for n in cell.result(1)["inputs"].get("trend", {})}
             return Done(name, cell, end, cell.result(1), rows, trends)
