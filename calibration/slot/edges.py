@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from cell.poses import Array
 
 _STEP = 0.25  # px along a profile
-_REACH = 7.0  # px to either side of where the edge is expected
-_LEVEL = 3.0  # px from the edge on, where the levels of both sides are read
+PROFILE_PX = 7.0  # to either side of where the edge is expected
+LEVEL_PX = 3.0  # px from the edge on, where the levels of both sides are read
 _LEAST_CONTRAST = 15.0  # grey levels
 _OFF = 4.0  # robust standard deviations: an edge point that lies farther off belongs to something else
 _FLOOR_PX = 0.02
@@ -58,9 +58,12 @@ def coarse_shift(
     return np.array([sx[k], sy[k]]), float(best[k])
 
 
-def side_edges(colour: NDArray[np.float32], rim: Array, outward: Array) -> SideEdges:
-    """Every side's edge near ``rim`` (4, n, 2) px along ``outward`` (4, n, 2)."""
-    s = np.arange(-_REACH, _REACH + 1e-9, _STEP)
+def side_edges(
+    colour: NDArray[np.float32], rim: Array, outward: Array, profile_px: float = PROFILE_PX
+) -> SideEdges:
+    """Every side's edge near ``rim`` (4, n, 2) px along ``outward`` (4, n, 2), by profiles ``profile_px`` to
+    either side, in which there is no other edge."""
+    s = np.arange(-profile_px, profile_px + 1e-9, _STEP)
     where = (rim[:, :, None] + s[None, None, :, None] * outward[:, :, None]).astype(np.float32)
     flat = where.reshape(-1, len(s), 2)
     seen = cv2.remap(
@@ -86,15 +89,15 @@ def _derivative(smooth: NDArray[Any], way: Array) -> NDArray[np.float32]:
 
 def _located(s: Array, seen: Array) -> tuple[Array, float]:
     """Where the edge of each profile ``seen`` (n, k, 3) lies (n,) along ``s`` (k,), and the contrast."""
-    inside = np.median(seen[:, s <= -_LEVEL].reshape(-1, 3), axis=0)
-    outside = np.median(seen[:, s >= _LEVEL].reshape(-1, 3), axis=0)
+    inside = np.median(seen[:, s <= -LEVEL_PX].reshape(-1, 3), axis=0)
+    outside = np.median(seen[:, s >= LEVEL_PX].reshape(-1, 3), axis=0)
     way = outside - inside
     contrast = float(np.linalg.norm(way))
     if contrast < 1.0:
         return np.zeros(len(seen)), contrast
     rise = (seen - inside) @ (way / contrast**2)  # 0 inside, 1 outside
-    low = rise[:, s <= -_LEVEL].mean(axis=1)
-    high = rise[:, s >= _LEVEL].mean(axis=1)
+    low = rise[:, s <= -LEVEL_PX].mean(axis=1)
+    high = rise[:, s >= LEVEL_PX].mean(axis=1)
     rise = (rise - low[:, None]) / np.maximum(high - low, 0.2)[:, None]
     area = np.trapezoid(np.clip(rise, -0.5, 1.5), s, axis=1)
     return np.asarray(s[-1] - area), contrast

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from calibration.slot.edges import SideEdges, coarse_shift, side_edges
+from calibration.slot.edges import PROFILE_PX, SideEdges, coarse_shift, side_edges
 from calibration.slot.rectangle import Rectangle, motion_px, outward_px, project
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -38,7 +38,8 @@ class FoundOpening:
     """``T_camera`` of the opening with its covariance (6, 6), perturbation on the right; how it was found.
 
     ``edge_px``: RMS distance of the edge points from the rim; ``contrast``: of each side, grey levels;
-    ``moved_px``: how far from where it was expected.
+    ``moved_px``: how far from where it was expected. ``by_marker`` (6, 6): what the place of a marker beside
+    the opening leaves open, beyond ``cov``.
     """
 
     T_camera: RigidTransform
@@ -46,6 +47,7 @@ class FoundOpening:
     edge_px: float
     contrast: tuple[float, ...]
     moved_px: float
+    by_marker: Array | None = None
 
 
 def find_opening(
@@ -55,12 +57,24 @@ def find_opening(
 
     ``OPENING_NOT_SEEN`` says which sides show no edge.
     """
-    T = _shifted(colour, camera, opening, expected, reach_m)
+    return by_edges(colour, camera, opening, expected, _shifted(colour, camera, opening, expected, reach_m))
+
+
+def by_edges(
+    colour: NDArray[np.uint8],
+    camera: Intrinsics,
+    opening: Rectangle,
+    expected: Expected,
+    start: RigidTransform,
+    profile_px: float = PROFILE_PX,
+) -> FoundOpening:
+    """The same from ``start``, a few pixels from it at most, by profiles of this length to either side."""
+    T = start
     rim, outward = outward_px(camera, T, opening)
     near, corner = _cut(colour, rim, _NEAR_PX)
     for _ in range(_ROUNDS):
         rim, outward = outward_px(camera, T, opening)
-        edges = _all_four(side_edges(near, rim - corner, outward))
+        edges = _all_four(side_edges(near, rim - corner, outward, profile_px))
         step, cov = _step(camera, opening, T, expected, edges, outward)
         T = T * exp_xi(step)
         if np.max(np.abs(step)) < _SETTLED:

@@ -125,12 +125,18 @@ def _circle_grid(target: Mapping[str, Any]) -> Plate:
 
 
 def _aruco_marker(target: Mapping[str, Any]) -> Plate:
-    dictionary = _dictionary(target)
-    bits = dictionary.markerSize + 2
-    marker = cv2.aruco.generateImageMarker(dictionary, int(target["id"]), bits, borderBits=1)
+    marker = marker_cells(str(target["dictionary"]), int(target["id"]))
+    bits = len(marker)
     print_ = np.kron(marker, np.ones((_PX_PER_CELL, _PX_PER_CELL), np.uint8))
     half = 0.5 * bits * _PX_PER_CELL
     return _plate(print_, float(target["size_m"]) / bits, (half, half), y_up=True)
+
+
+def marker_cells(dictionary: str, number: int) -> Image:
+    """(n, n): the cells of a marker with its border, 0 black and 255 white, the upper row first."""
+    known = _dictionary({"dictionary": dictionary})
+    bits = known.markerSize + 2
+    return np.asarray(cv2.aruco.generateImageMarker(known, number, bits, borderBits=1), dtype=np.uint8)
 
 
 def _dictionary(target: Mapping[str, Any]) -> cv2.aruco.Dictionary:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cell.poses import Array
+from cell.poses import Array, from_pose6
 from fakes.frames.boxes import (
     BLUR_PX,
     PER_EDGE,
@@ -25,7 +25,7 @@ from fakes.frames.boxes import (
     paint_depth,
     window_of,
 )
-from fakes.frames.plates import Image
+from fakes.frames.plates import Image, marker_cells
 from fakes.frames.render import light_share, pixel_rays
 from fakes.frames.stereo import stereo_depth
 from fakes.world.rack.rack import PLATE_M, Rack
@@ -37,6 +37,7 @@ _WALL_SHADES = (0.75, 1.25, 0.9, 1.1)
 _DEPTH_NOISE_MM = 1.0
 _NEAREST_M = 0.05
 _NOISE_FRAMES = 4
+_PAPER, _INK = 225.0, 25.0  # of a marker
 
 
 class RackView:
@@ -75,6 +76,7 @@ class RackView:
         self._plate(colour, depth, T_camera_base)
         for number in range(1, rack.slots + 1):
             self._slot(colour, depth, T_camera_base * rack.T_base_slot(number))
+            self._marker(colour, T_camera_base * rack.T_base_slot(number), number)
         boxes = [
             self._protruding(T_camera_base * rack.T_base_slot(number), rack.offset(part, number, t))
             for number in range(1, rack.slots + 1)
@@ -123,6 +125,39 @@ class RackView:
         paint_depth(deep, self._rays[y0:y1, x0:x1], moved)
         cut = cv2.resize(mask, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA) > 0.5
         depth[y0:y1, x0:x1][cut] = deep[cut]
+
+    def _marker(self, colour: Image, T_camera_slot: RigidTransform, number: int) -> None:
+        """The printed marker beside a slot, where there is one; the black square is cut as an opening is."""
+        truth = self._truth.marker
+        if truth is None:
+            return
+        T = T_camera_slot * from_pose6(truth.T_slot_marker)
+        cells = marker_cells(truth.dictionary, truth.id + number - 1)
+        count = len(cells)
+
+        def face(column: float, row: float, wide: float, bright: float) -> Face | None:
+            low = truth.size_m * (np.array([column, count - row - wide]) / count - 0.5)
+            high = low + truth.size_m * wide / count
+            corners = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
+            return self._face(T.apply(np.column_stack([corners, np.zeros(4)])), (bright,) * 3)
+
+        paper = face(-1.0, -1.0, count + 2.0, _PAPER)
+        ink = face(0.0, 0.0, count, _INK)
+        if paper is None or ink is None or (window := window_of([paper.rim], colour.shape)) is None:
+            return
+        white = [face(c, r, 1.0, _PAPER) for r, c in zip(*np.nonzero(cells), strict=True)]
+        x0, y0, x1, y1 = window
+        region = colour[y0:y1, x0:x1]
+        big = cv2.resize(region, None, fx=SUPER, fy=SUPER, interpolation=cv2.INTER_NEAREST)
+        cv2.fillPoly(big, [on_canvas(paper.rim, x0, y0)], paper.colour, shift=4)
+        within = np.full_like(big, _INK)
+        for cell in white:
+            if cell is not None:
+                cv2.fillPoly(within, [on_canvas(cell.rim, x0, y0)], cell.colour, shift=4)
+        mask = _mask(on_canvas(ink.rim, x0, y0), big.shape[:2])
+        both = mask[..., None] * within + (1.0 - mask[..., None]) * big
+        small = cv2.resize(both, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
+        region[:] = np.clip(cv2.GaussianBlur(small, (0, 0), BLUR_PX) + 0.5, 0, 255).astype(np.uint8)
 
     def _inside(self, T_camera_slot: RigidTransform, half: Array) -> list[Face]:
         """Chamfer, walls and end of a slot as far as they face the camera, the end first."""

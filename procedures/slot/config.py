@@ -1,6 +1,6 @@
 """What an integrator can set for an insertion."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -64,6 +64,31 @@ class PartConfig(Strict):
     )
 
 
+class MarkerConfig(Strict):
+    """A marker beside each slot, which tells the slot's place instead of the opening's edges."""
+
+    dictionary: str = Field(description="OpenCV's name, such as DICT_4X4_50 or DICT_APRILTAG_36h11")
+    id: int = Field(ge=0, le=10000, description="of the marker at slot 1; that of slot n is id + n - 1")
+    size_m: float = Field(gt=0.001, le=0.5, description="outer side of its black square")
+    T_slot_marker: Pose6 = Field(
+        description="its middle in the slot's frame, y to its upper side, z out of it: m, and rotation "
+        "vector (rad); a half turn about x for one that is upright where the slot's y points down"
+    )
+    sigma_m: float = Field(ge=0, le=0.01, description="how well that place is known, per axis")
+    sigma_rad: float = Field(
+        default=0.005, ge=0, le=0.2, description="the same of its direction, about each axis"
+    )
+
+    def target(self, slot: int) -> dict[str, Any]:
+        """The ``target`` table of the marker at a slot."""
+        return {
+            "type": "aruco-marker",
+            "dictionary": self.dictionary,
+            "id": self.id + slot - 1,
+            "size_m": self.size_m,
+        }
+
+
 class LookConfig(Strict):
     """From where a slot is looked at, and how."""
 
@@ -109,6 +134,9 @@ class SlotInsertionConfig(Strict):
     rack: RackConfig = Field(description="where the slots are")
     opening: OpeningConfig = Field(description="of each slot")
     part: PartConfig = Field(description="what goes in")
+    marker: MarkerConfig | None = Field(
+        default=None, description="beside each slot; without it the opening's edges tell where a slot is"
+    )
     look: LookConfig = Field(default_factory=lambda: LookConfig(), description="at a slot")
     insertion: InsertConfig = Field(default_factory=lambda: InsertConfig(), description="travel and force")
     start_pose: str = Field(

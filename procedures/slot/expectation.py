@@ -8,6 +8,7 @@ from calibration.slot.budget import quantile_radius
 from cell.errors import CellError
 from procedures.setup import Setup
 from procedures.slot.config import SlotInsertionConfig
+from procedures.slot.marking import marker_problem
 from procedures.words import mm
 
 
@@ -22,6 +23,8 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
             f"[device.{setup.roles['flange_camera']}] has depth = false, and the job looks into a slot by "
             "depth: use a camera with depth"
         )
+    if why := marker_problem(job):
+        problems.append(why)
     for key in ("start_pose", "fetch_pose", "put_down_pose"):
         name = getattr(job, key)
         if name is not None and name not in setup.poses:
@@ -29,8 +32,8 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
     alone = _part_and_rack(job)
     if alone > job.clearance_m:
         problems.append(
-            f"part.sigma_m, part.sigma_rad and rack.sigma_rad alone leave {mm(alone)} (95 %) open, and "
-            f"{mm(job.clearance_m)} is free: every insertion would be refused"
+            f"part.sigma_m, part.sigma_rad and rack.sigma_rad{_of_marker(job)} alone leave {mm(alone)} "
+            f"(95 %) open, and {mm(job.clearance_m)} is free: every insertion would be refused"
         )
     cautions = _cautions(setup, job, alone)
     text = (
@@ -50,9 +53,15 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
 
 
 def _part_and_rack(job: SlotInsertionConfig) -> float:
-    """95 % of what the part's place in the gripper and the rack's direction do at the end of the travel."""
+    """95 % of what the part's place in the gripper, the rack's direction and a marker's place do at the end
+    of the travel."""
     turns = np.hypot(job.part.sigma_rad, job.rack.sigma_rad) * job.opening.depth_m
-    return quantile_radius(np.eye(2) * (job.part.sigma_m**2 + turns**2))
+    marker_m = 0.0 if job.marker is None else job.marker.sigma_m
+    return quantile_radius(np.eye(2) * (job.part.sigma_m**2 + turns**2 + marker_m**2))
+
+
+def _of_marker(job: SlotInsertionConfig) -> str:
+    return "" if job.marker is None else ", with marker.sigma_m,"
 
 
 def _cautions(setup: Setup, job: SlotInsertionConfig, alone: float) -> list[str]:

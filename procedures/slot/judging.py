@@ -18,6 +18,7 @@ from cell.formats.result import Result, Verdict
 from cell.poses import Array, from_pose6, log_xi, to_pose6
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.data import InsertionOutcome, LookTaken, SlotData, read_data_set
+from procedures.slot.marking import marker_of
 from procedures.slot.result import (
     BudgetRow,
     Correction,
@@ -29,13 +30,13 @@ from procedures.slot.result import (
     SlotResult,
     SlotUncertainty,
 )
-from procedures.slot.seeing import seen
+from procedures.slot.seeing import seen, seen_by_marker
 from procedures.slot.states import PartState
 from procedures.slot.stations import along
 from procedures.words import mm
 
-BOARD, CAMERA, PART, DIRECTION, DETECTION = (
-    "board", "hand-eye", "part in the gripper", "rack direction", "detection",
+BOARD, CAMERA, PART, DIRECTION, DETECTION, MARKER = (
+    "board", "hand-eye", "part in the gripper", "rack direction", "detection", "marker beside the slot",
 )  # fmt: skip
 _TARGET_BLOCK = "target"  # of a hand-eye budget: what the board is not known to
 _TILT = [3, 4]
@@ -62,7 +63,8 @@ def rectangle_of(config: SlotInsertionConfig, what: str) -> tuple[Rectangle, flo
 def measure(data: SlotData, look: LookTaken, folder: Path) -> MeasuredSlot:
     """``OPENING_NOT_SEEN`` when the pictures do not tell."""
     config = data.config()
-    found = seen(look.look(folder), *rectangle_of(config, look.what))
+    marker, taken = marker_of(config), look.look(folder)
+    found = seen(taken, *rectangle_of(config, look.what)) if marker is None else seen_by_marker(taken, marker)
     q = np.array([look.q, data.insert_q or look.q])
     arm = arm_errors(data.arm(), q, data.arm_rms_m)
     T_base_slot = from_pose6(look.T_base_camera) * found.T_camera
@@ -74,12 +76,13 @@ def _budget(data: SlotData, config: SlotInsertionConfig, found: FoundOpening, ar
     part, known = config.part, data.hand_eye
     repeat = np.diag([config.arm_repeatability_m**2] * 3 + [0.0] * 3)
     direction, rest = _split(found.cov)
+    by_marker = {} if found.by_marker is None else {MARKER: found.by_marker}
     share = _board_share(known.budget)
     cov = np.array(known.cov)
     sources = Sources(
         camera={BOARD: share * cov, CAMERA: (1.0 - share) * cov},
         part={PART: np.diag([part.sigma_m**2] * 3 + [part.sigma_rad**2] * 3)},
-        detection={DIRECTION: direction, DETECTION: rest},
+        detection={DIRECTION: direction, DETECTION: rest, **by_marker},
         arm_look=arm.columns[0],
         arm_insert=arm.columns[1],
         arm=arm.cov,
@@ -157,6 +160,8 @@ def _result(
     row, column = rack.row_and_column(config.slot)
     nominal = from_pose6(config.rack.T_base_rack) * rack.T_rack_slot(config.slot)
     xi = [float(v) for v in log_xi(nominal.inv() * found.T_base_slot)]
+    by_marker = found.found.by_marker
+    by = "its edges" if by_marker is None else "the edges of its marker"
     last, taken = outcome.states[-1], present(data.look, "look")
     verdict: Verdict = "pass" if last is _wanted(config) and not outcome.reasons else "fail"
     return SlotResult(
@@ -176,12 +181,12 @@ def _result(
             force_n=outcome.force_n,
         ),
         uncertainty=SlotUncertainty(
-            meaning="of the slot in the camera by its edges and what was known before; not of the insertion, "
+            meaning=f"of the slot in the camera by {by} and what was known before; not of the insertion, "
             "which the budget is of",
-            cov=found.found.cov.tolist(),
+            cov=(found.found.cov + (0.0 if by_marker is None else by_marker)).tolist(),
         ),
         residuals=SlotResiduals(
-            meaning="how well the edges fit a rectangle of the known size; that is no accuracy",
+            meaning=f"how well {by} fit the known size; that is no accuracy",
             edge_px=found.found.edge_px,
             contrast=list(found.found.contrast),
             moved_px=found.found.moved_px,

@@ -12,6 +12,7 @@ from cell.run_values import RunValues
 from procedures.hand_eye_in_use import require_hand_eye
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.judging import solve_slot
+from procedures.slot.marking import marker_problem
 from procedures.slot.session import InsertionRun
 from procedures.slot.states import CHECKPOINTS, TRANSITIONS, State
 
@@ -38,6 +39,8 @@ class SlotInsertion(Procedure):
             if name is not None and name not in values.poses:
                 there = ", ".join(values.poses) or "none"
                 raise error("ARGUMENT_INVALID", f"{key} = '{name}' is not in [poses]; there is {there}")
+        if why := marker_problem(self.config):
+            raise error("ARGUMENT_INVALID", why)
         require_hand_eye(values)
 
     async def run(self, run: Run) -> None:

@@ -74,7 +74,9 @@ class SlotUncertainty(Explained):
 class SlotResiduals(Explained):
     """How well the edges agree with the known size."""
 
-    edge_px: Pixels = Field(description="RMS distance of edge points from the rim.")
+    edge_px: Pixels = Field(
+        description="RMS distance of edge points from the rim of the opening or of the marker."
+    )
     contrast: list[float] = Field(description="Of the four sides, grey levels.")
     moved_px: Pixels = Field(description="Distance from where the coarse look had it.")
 

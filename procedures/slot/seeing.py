@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from calibration.slot.inside import Inside, depth_inside
+from calibration.slot.marker import SlotMarker, find_by_marker
 from calibration.slot.opening import Expected, FoundOpening, find_opening
 from calibration.slot.rectangle import Rectangle
 from cell.devices import Intrinsics
@@ -49,18 +50,29 @@ def inside(look: Look, opening: Rectangle) -> Inside:
     return depth_inside(picture, look.intrinsics, look.T_camera_slot, opening)
 
 
+def seen_by_marker(look: Look, marker: SlotMarker) -> FoundOpening:
+    """The slot by its ``marker`` in the mean of the pictures; ``OPENING_NOT_SEEN``."""
+    expected = Expected(look.T_camera_slot, np.diag(np.square(look.sigma)))
+    return find_by_marker(_mean(look), look.intrinsics, marker, expected, look.reach_m)
+
+
 def seen(look: Look, rectangle: Rectangle, depth_m: float = 0.0) -> FoundOpening:
     """``rectangle`` that far in the slot, by its edges in the mean of the pictures; ``OPENING_NOT_SEEN``.
 
     ``T_camera`` of what is found is that of the slot.
     """
     step = RigidTransform.from_translation([0.0, 0.0, depth_m])
-    pictures = np.array([_read(path, cv2.IMREAD_COLOR) for path in look.colour])
-    mean: NDArray[np.uint8] = np.round(pictures.mean(axis=0)).astype(np.uint8)
+    mean = _mean(look)
     expected = Expected(look.T_camera_slot * step, np.diag(np.square(look.sigma)))
     found = find_opening(mean, look.intrinsics, rectangle, expected, look.reach_m)
     back = adjoint(step.as_matrix())
     return replace(found, T_camera=found.T_camera * step.inv(), cov=back @ found.cov @ back.T)
+
+
+def _mean(look: Look) -> NDArray[np.uint8]:
+    pictures = np.array([_read(path, cv2.IMREAD_COLOR) for path in look.colour])
+    mean: NDArray[np.uint8] = np.round(pictures.mean(axis=0)).astype(np.uint8)
+    return mean
 
 
 def _read(path: Path, how: int) -> NDArray[Any]:

@@ -24,6 +24,15 @@ class PartTruth(Strict):
         return self
 
 
+class SlotMarkerTruth(Strict):
+    """A printed marker beside each slot: ``id`` at slot 1, one more at each next one."""
+
+    dictionary: str = "DICT_4X4_50"
+    id: int = Field(default=0, ge=0)
+    size_m: float = Field(default=0.014, gt=0.002, le=0.5)
+    T_slot_marker: Six = Field(description="its middle; y to its upper side, z out of it")
+
+
 class RackTruth(Strict):
     """``[world.rack]``: slots in rows and columns; the rack's z leads into them.
 
@@ -45,6 +54,7 @@ class RackTruth(Strict):
     blocked: dict[str, float] = Field(
         default={}, description="by number of a slot: how deep something is in it that nobody sees, m"
     )
+    marker: SlotMarkerTruth | None = Field(default=None, description="beside each slot")
     friction: float = Field(default=0.2, ge=0, lt=1)
     stiffness_n_m: float = Field(default=30000.0, gt=0, description="of arm and part along the slot")
     side_stiffness_n_m: float = Field(default=20000.0, gt=0, description="across it")
