@@ -19,6 +19,7 @@ from procedures.belt.result import (
     PlaceWaitTimes,
     Slip,
 )
+from procedures.belt.stamp_delays import delay_warnings, delays_95_s
 
 
 def result_of(
@@ -63,6 +64,7 @@ def result_of(
     warnings += emergency_warnings(watch.emergencies.told)
     if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
+    warnings += delay_warnings(values.time_offset_s)
     return BeltTrackingResult(
         verdict="warn" if warnings else "pass",
         reasons=[f"{n} missed: {cause}" for cause, n in misses.items()],
@@ -89,6 +91,7 @@ def result_of(
             following_largest_m=following.largest_m if following.looks else None,
             contact_off_rms_m=following.contacts.rms_m,
             contact_off_largest_m=following.contacts.largest_m,
+            delays_95_s=delays_95_s(values.time_offset_s),
             gripper_closing_s=gripper_times.closing_s,
             gripper_opening_s=gripper_times.opening_s,
             follow=config.follow,
