@@ -15,13 +15,13 @@ pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
 SHIFT = [0.0012, -0.0007, 0.0005]
 TILT = [0.008, -0.006, 0.0]  # 10 mrad
-# A brisk arm, one pass a height, and heights to 0.16 mm: seconds instead of minutes, and still U < 0.2 mm.
+# A brisk arm, one pass a height, and heights to 0.3 mm: seconds instead of minutes, and still U < 0.2 mm.
 QUICK = {
     "passes": 1,
     "descend_step_m": 0.01,
-    "z_resolution_m": 0.00016,
+    "z_resolution_m": 0.0003,
     "search_speed_m_s": 0.25,
-    "measure_speed_m_s": 0.03,
+    "measure_speed_m_s": 0.04,
     "speed_m_s": 1.0,
     "accel_m_s2": 10.0,
     "joint_speed_rad_s": [2.0, 2.0, 3.0, 3.0, 3.0, 3.0],
