@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from fakes.ur.arm import Arm, Tool
 from fakes.ur.inputs import InputOutput, Inputs
+from fakes.world.arm.controller_limits import ControllerLimitsTruth
 from fakes.world.arm.kinematics import chain
 from fakes.world.arm.segments import PathMove
 from fakes.world.arm.sweep import joints
@@ -43,7 +44,7 @@ def test_a_kick_that_was_read_right_after_it_does_not_hide_that_no_other_follows
 def arm() -> Arm:
     """At rest at zero."""
     track = Track(0.0, np.zeros(6))
-    return Arm(track, chain("ur10e"), Tool())
+    return Arm(track, chain("ur10e"), Tool(), None, ControllerLimitsTruth().ranges())
 
 
 def test_a_move_goes_on_from_where_it_was(arm: Arm) -> None:
