@@ -59,7 +59,8 @@ Along = Literal["x", "-x", "y", "-y"]
 
 
 class PlaceGrid(Strict):
-    """A level grid of places, filled column by column and row by row; place_pose is the first of them.
+    """A level grid of places, filled column by column, row by row and layer by layer from below; place_pose
+    is the first of them.
 
     Directions are those of the tool's axes at place_pose, where the tool points down.
     """
@@ -68,6 +69,11 @@ class PlaceGrid(Strict):
     columns: int = Field(ge=1, le=50, description="places in a row")
     column_pitch_m: Length = Field(description="from one column to the next")
     row_pitch_m: Length = Field(description="from one row to the next")
+    layers: int = Field(default=1, ge=1, le=50, description="grids on each other, the lowest filled first")
+    layer_m: Length | None = Field(
+        default=None,
+        description="from one layer to the next above it: of an item, and of what lies between two layers",
+    )
     columns_along: Along = Field(default="x", description="axis of the tool along which columns follow")
     rows_along: Along = Field(default="y", description="axis of the tool along which rows follow")
     ask_empty: bool = Field(
@@ -86,9 +92,25 @@ class PlaceGrid(Strict):
                 f"columns_along = '{self.columns_along}' and rows_along = '{self.rows_along}' are one line; "
                 "give x for one and y for the other"
             )
-        if (places := self.rows * self.columns) > MOST_PLACES:
-            raise ValueError(f"{places} places are more than {MOST_PLACES}; make rows or columns fewer")
+        if self.places > MOST_PLACES:
+            raise ValueError(
+                f"{self.places} places are more than {MOST_PLACES}; make rows, columns or layers fewer"
+            )
+        if (self.layers > 1) != (self.layer_m is not None):
+            raise ValueError(
+                f"layers = {self.layers} and layer_m belong together: give both, with 2 layers or more"
+            )
         return self
+
+    @property
+    def places(self) -> int:
+        """How many there are, in all layers."""
+        return self.rows * self.columns * self.layers
+
+    @property
+    def top_m(self) -> float:
+        """The uppermost layer above the lowest, m."""
+        return 0.0 if self.layer_m is None else (self.layers - 1) * self.layer_m
 
 
 class JobLimits(Strict):
@@ -224,9 +246,14 @@ class BeltTrackingConfig(Strict):
         grid, first = self.place_grid, self.first_place
         if grid is None and first > 1:
             raise ValueError(f"first_place = {first}, but there is no place_grid; give one, or leave it out")
-        if grid is not None and first > (places := grid.rows * grid.columns):
+        if grid is not None and first > (places := grid.places):
             raise ValueError(f"first_place = {first} is beyond the last of {places} places of place_grid")
         low, high = self.items.min_height_m, self.items.max_height_m
+        if grid is not None and grid.layer_m is not None and grid.layer_m < high:
+            raise ValueError(
+                f"place_grid.layer_m = {grid.layer_m:g} is lower than items.max_height_m = {high:g}: items "
+                "would be pressed on those below; make max_height_m as small as the items are"
+            )
         if low + self.grip_m <= 0.0:
             raise ValueError(
                 f"grip_m = {self.grip_m:g} would take the tool's point into the belt at an item of "

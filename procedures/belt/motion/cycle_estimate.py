@@ -135,7 +135,7 @@ class CycleEstimate:
             p = self.grip_point(along)
             goals = [("above an item", p + self._up), ("at an item", p)]
             if places.is_grid:  # an item is lifted so high before it is carried over others
-                high = np.array([*p[:2], max(places.level_m, p[2] + self._up[2]), p[3]])
+                high = np.array([*p[:2], max(places.top_level_m, p[2] + self._up[2]), p[3]])
                 goals.append(("as high as above_m over the grid", high))
             for where, goal in goals:
                 if why := self._forbidden(guard, goal):
@@ -224,12 +224,18 @@ class CycleEstimate:
         )
 
     def _cycle(self, speed_m_s: float, along_m: float) -> float:
-        """From leaving the place to leaving it again, s, with contact at ``along_m``."""
+        """From leaving the place to leaving it again, s, with contact at ``along_m``; of a grid with layers
+        the slower of its lowest and its uppermost one."""
+        grid = self._config.place_grid
+        tops = [0.0] if grid is None or grid.layers == 1 else [0.0, grid.top_m]
+        places = [FixedPoint(self._place.p + np.array([0.0, 0.0, top, 0.0])) for top in tops]
+        return max(self._cycle_to(place, speed_m_s, along_m) for place in places)
+
+    def _cycle_to(self, put: FixedPoint, speed_m_s: float, along_m: float) -> float:
         met = self.grip_point(along_m)
-        put = FixedPoint(self._place.p)
         clear = self._blend.clear_m
         left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
-        t, state, contact = 0.0, PursuitState.still(self._place.p + left), 1.0
+        t, state, contact = 0.0, PursuitState.still(put.p + left), 1.0
         took = 0.0
         for _ in range(4):  # each from the state and the time to contact of the one before
             item = _Carried(met, speed_m_s * self._way, t + contact)
@@ -239,12 +245,23 @@ class CycleEstimate:
             t = leg.t1 + max(self._config.dwell_s, self._gripper_s)
             leg = plan(t, leg.at(t), item, self._up, self._limits)
             t = _cleared(leg, clear)
-            leg = self._down_to(t, leg.at(t), put, self._over_place)
+            t, state = self._climbed(t, leg.at(t), put)
+            leg = self._down_to(t, state, put, self._over_place)
             t = leg.t1 + self._gripper_s
             leg = plan(t, leg.at(t), put, self._over_place, self._limits)
             t = _cleared(leg, clear)
             state, took = leg.at(t), t - begin
         return took
+
+    def _climbed(self, t: float, state: PursuitState, put: FixedPoint) -> tuple[float, PursuitState]:
+        """When and how the tool is so high that it crosses a grid above what lies there."""
+        high = float(put.p[2]) + self._config.items.max_height_m
+        if self._config.place_grid is None or state.p[2] >= high:
+            return t, state
+        level = FixedPoint(np.array([*state.p[:2], put.p[2] + self._over_place[2], state.p[3]]))
+        leg = self._way_to(t, state, level, np.zeros(4))
+        t = _cleared(leg, high - float(state.p[2]))
+        return t, leg.at(t)
 
     def _down_to(self, t: float, state: PursuitState, origin: Origin, up: Array) -> Leg:
         """The way to ``up`` (4,) over ``origin`` and, with a blend, down to it."""

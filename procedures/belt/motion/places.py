@@ -14,13 +14,16 @@ from procedures.belt.motion.tool_joints import ToolJoints
 
 def grid_points(grid: PlaceGrid, tool: ToolJoints, first: Array) -> Array:
     """(n, 4) the tool at each place of ``grid`` in the order in which they are filled, the ``first`` (4,)
-    before all others; column by column, then row by row. The grid is level, and the tool keeps its turn."""
+    before all others; column by column, then row by row, then layer by layer upwards. The grid is level, and
+    the tool keeps its turn."""
     heading = tool.heading() + float(first[3])
     x = np.array([np.cos(heading), np.sin(heading), 0.0, 0.0])
     y = np.array([x[1], -x[0], 0.0, 0.0])  # of a tool that points down
     along = {"x": x, "-x": -x, "y": y, "-y": -y}
     column, row = grid.column_pitch_m * along[grid.columns_along], grid.row_pitch_m * along[grid.rows_along]
-    return np.array([first + r * row + c * column for r in range(grid.rows) for c in range(grid.columns)])
+    level = [r * row + c * column for r in range(grid.rows) for c in range(grid.columns)]
+    up = np.array([0.0, 0.0, grid.layer_m or 0.0, 0.0])
+    return np.array([first + layer * up + there for layer in range(grid.layers) for there in level])
 
 
 class Places:
@@ -90,12 +93,19 @@ class Places:
         if self._grid is None:
             return "the place"
         row, column = divmod(number - 1, self._grid.columns)
-        return f"place {number} of {len(self)} (row {row + 1}, column {column + 1})"
+        layer, row = divmod(row, self._grid.rows)
+        which = f"layer {layer + 1}, " if self._grid.layers > 1 else ""
+        return f"place {number} of {len(self)} ({which}row {row + 1}, column {column + 1})"
 
     @property
     def level_m(self) -> float:
-        """Height of the tool on the level ways above the places, in the base."""
-        return float(self._points[0, 2] + self._up[2])
+        """Height of the tool on the level ways above the layer that is filled, in the base."""
+        return float(self._points[min(self._next, len(self) - 1), 2] + self._up[2])
+
+    @property
+    def top_level_m(self) -> float:
+        """The same above the uppermost layer."""
+        return float(self._points[-1, 2] + self._up[2])
 
     def is_over(self, p: Array) -> bool:
         """Whether the tool at ``p`` (4,) is over a grid, or within a pitch beside it."""

@@ -1,5 +1,6 @@
 """Items are put into the places of a grid, one after the other, each place once."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
 from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.items import CONTACT, Outcome
+from procedures.belt.motion.places import Places
 from procedures.belt.motion.tool_joints import ToolJoints
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import JOB, picking_cell, picking_config
@@ -33,11 +35,23 @@ def config_of(folder: Path, grid: dict[str, Any] | None = None, **job: Any) -> C
     return picking_config(folder, keys, {"spacing_m": "0.25"})
 
 
-def raised(config: CellConfig, higher_m: float) -> CellConfig:
-    """With the place so much higher."""
+def tool_of(config: CellConfig) -> tuple[ToolJoints, np.ndarray]:
+    """The tool, and the joints at the first place."""
     values = setup_of(config).values
     q_wait, q_place = (np.array(config.poses[name]) for name in ("wait", "place"))
-    tool = ToolJoints(robot_from_spec(values.robot), from_pose6(values.tool["T_flange_tool"]), q_wait)
+    return ToolJoints(
+        robot_from_spec(values.robot), from_pose6(values.tool["T_flange_tool"]), q_wait
+    ), q_place
+
+
+def expected(config: CellConfig) -> dict[str, Any]:
+    """What ``check`` says of it."""
+    return belt_expectation(setup_of(config), BeltTrackingConfig.model_validate(config.job[JOB]))
+
+
+def raised(config: CellConfig, higher_m: float) -> CellConfig:
+    """With the place so much higher."""
+    tool, q_place = tool_of(config)
     here = tool.state(q_place).p
     there = here + np.array([0.0, 0.0, higher_m, 0.0])
     config.poses["place"] = [float(v) for v in tool.walked(here, there, q_place)]
@@ -51,12 +65,13 @@ def gripper_of(cell: ObjectCell) -> Gripper:
     return gripper
 
 
-def put_down(cell: ObjectCell) -> np.ndarray:
-    """(n, 2) m: where each item was put down, from the place pose along the tool's x and y there."""
+def put_down(cell: ObjectCell, heights_m: Sequence[float] = (0.0,)) -> np.ndarray:
+    """(n, 2) m: where each item was put down, from the place pose along the tool's x and y there; they were
+    ``heights_m`` above it."""
     world = cell.plant.world
     T = world.true.forward(np.array(cell.config.poses["place"])) * world.T_flange_tool
     there = T.inv().apply(np.array([put.at for put in gripper_of(cell).put_down]))
-    assert np.abs(there[:, 2]).max() < 1e-3
+    assert np.abs(there[:, 2] + heights_m).max() < 1e-3  # the tool's z points down
     return np.asarray(there[:, :2])
 
 
@@ -287,8 +302,7 @@ def test_after_an_interruption_the_tool_rises_to_a_place_that_is_higher_than_the
     ],
 )
 def test_check_looks_at_every_place(tmp_path: Path, state_of: str, grid: dict[str, Any], words: str) -> None:
-    config = config_of(tmp_path, grid)
-    found = belt_expectation(setup_of(config), BeltTrackingConfig.model_validate(config.job[JOB]))
+    found = expected(config_of(tmp_path, grid))
     if state_of == "fits":
         assert not found["problems"]
         assert "place_grid" not in " ".join(found["cautions"])
@@ -324,3 +338,81 @@ def test_a_first_place_that_is_not_there_is_refused(job: dict[str, Any], words: 
     keys = {"wait_pose": "wait", "place_pose": "place", "zone": {"min_m": 0.0, "max_m": 0.3}, "belt_z_m": 0.0}
     with pytest.raises(ValueError, match=words):
         BeltTrackingConfig.model_validate({**keys, **job})
+
+
+LAYER_M = 0.05
+LAYERS = {"columns_along": "-y", "rows_along": "x", "rows": 1, "layers": 2, "layer_m": LAYER_M}
+
+
+def test_layers_are_filled_from_below_and_the_level_ways_rise_with_them(tmp_path: Path) -> None:
+    config = config_of(tmp_path, {"layers": 3, "layer_m": LAYER_M})
+    tool, q_place = tool_of(config)
+    job = BeltTrackingConfig.model_validate(config.job[JOB])
+    subject = Places(job, tool, q_place)
+    assert len(subject) == 12
+    heights, levels = [], []
+    while not subject.full:
+        heights.append(subject.here.p[2])
+        levels.append(subject.level_m)
+        subject.take()
+    assert np.diff(heights) == pytest.approx([0, 0, 0, LAYER_M, 0, 0, 0, LAYER_M, 0, 0, 0], abs=1e-9)
+    assert np.subtract(levels, heights) == pytest.approx(job.above_m)
+    assert subject.top_level_m == levels[-1] == subject.level_m
+    assert subject.words(7) == "place 7 of 12 (layer 2, row 2, column 1)"
+    subject.renew()
+    assert subject.level_m == levels[0]
+
+
+def test_items_are_put_on_each_other_and_crossed_above_the_layer_that_is_filled(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, LAYERS)) as cell:
+            run_id, world = await cell.start(), cell.plant.world
+            T = world.true.forward(np.array(cell.config.poses["place"])) * world.T_flange_tool
+            crossed = []
+            while cell.engine.active:
+                await cell.clock.sleep(0.01)
+                x, y, down = T.inv().apply(world.tool_point(cell.clock.now()))
+                beside = np.hypot(x, y - np.array([0.0, -0.08])).min()
+                lies_m = LAYER_M if len(gripper_of(cell).put_down) > 2 else 0.0  # what is highest there
+                if 0.006 < beside < 0.04:
+                    crossed.append(-down - lies_m)
+            assert cell.end(run_id)["outcome"] == "complete"
+            wanted = np.tile([[0.0, 0.0], [0.0, -0.08]], (2, 1))
+            assert put_down(cell, (0.0, 0.0, LAYER_M, LAYER_M)) == pytest.approx(wanted, abs=1e-3)
+            assert min(crossed) > 0.045
+            assert cell.result(run_id)["result"]["grid"]["places"] == 4
+
+    run_virtual(scene())
+
+
+def test_check_knows_the_uppermost_layer(tmp_path: Path) -> None:
+    flat, low, high = (
+        expected(config_of(tmp_path, {"layers": count, "layer_m": None if count == 1 else LAYER_M}))
+        for count in (1, 4, 40)
+    )
+    assert not low["problems"]
+    assert any("as high as above_m over the grid" in problem for problem in high["problems"])
+    assert low["speeds"][0]["cycle_s"] > flat["speeds"][0]["cycle_s"]
+
+
+def test_the_cycle_counts_the_climb_before_a_high_grid_is_crossed(tmp_path: Path) -> None:
+    grid, place = (
+        expected(raised(config_of(tmp_path, **how), 0.2))["speeds"][0]["cycle_s"]
+        for how in ({}, {"place_grid": None})
+    )
+    assert grid[0] > place[0] + 0.05
+
+
+@pytest.mark.parametrize(
+    ("grid", "words"),
+    [
+        ({"layers": 2}, "layers = 2 and layer_m belong together"),
+        ({"layer_m": 0.05}, "layers = 1 and layer_m belong together"),
+        ({"layers": 2, "layer_m": 0.01}, "would be pressed on those below"),
+        ({"layers": 50, "rows": 3, "columns": 3, "layer_m": 0.05}, "450 places are more than 400"),
+    ],
+)
+def test_layers_that_make_no_sense_are_refused(grid: dict[str, Any], words: str) -> None:
+    keys = {"wait_pose": "wait", "place_pose": "place", "zone": {"min_m": 0.0, "max_m": 0.3}, "belt_z_m": 0.0}
+    with pytest.raises(ValueError, match=words):
+        BeltTrackingConfig.model_validate({**keys, "place_grid": {**GRID, **grid}})
