@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 VIRTUAL := -m "not wire and not soak"
 WIRE := -m "wire and not alone and not soak"
-ALONE := tests/integration tests/browser -m "alone and not soak"
+ALONE := tests/integration -m "alone and not soak"
 
 .PHONY: demo test test-wire test-virtual lint soak bench docs wheelhouse deb clean python
 

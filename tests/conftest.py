@@ -23,26 +23,29 @@ settings.load_profile("cellward")
 DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
-_wires: dict[Path, bool] = {}
+SPOKEN_OF = ("wire", "alone")  # marks of which a module with such tests has the word
+_said: dict[tuple[Path, str], bool] = {}
 
 
-def _speaks_of_wires(path: Path) -> bool:
-    if path not in _wires:
-        _wires[path] = "wire" in path.read_text("utf-8")
-    return _wires[path]
+def _says(path: Path, word: str) -> bool:
+    if (path, word) not in _said:
+        _said[path, word] = word in path.read_text("utf-8")
+    return _said[path, word]
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Where only ``wire`` tests are asked for, spare the import of modules that have none: most of them."""
-    wanted = str(config.getoption("markexpr")).startswith("wire and")
-    if wanted and collection_path.match("test_*.py") and not _speaks_of_wires(collection_path):
-        return True
+    """Where only tests with one of these marks are asked for, spare the import of modules that have none:
+    most of them."""
+    wanted, _, more = str(config.getoption("markexpr")).partition(" and ")
+    if more and wanted in SPOKEN_OF and collection_path.match("test_*.py"):
+        return None if _says(collection_path, wanted) else True
     return None
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    if item.get_closest_marker("wire") and not _speaks_of_wires(item.path):
-        raise pytest.UsageError(f"{item.path}: has tests marked wire, so it must say the word 'wire'")
+    for mark in SPOKEN_OF:
+        if item.get_closest_marker(mark) and not _says(item.path, mark):
+            raise pytest.UsageError(f"{item.path}: has tests marked {mark}, so it must say the word '{mark}'")
 
 
 def pytest_collection_finish() -> None:
