@@ -30,7 +30,7 @@ def once_and_again(job: str, folder: Path, **keys: Any) -> tuple[Session, Sessio
 
 
 def test_a_cameras_calibration_replays_to_the_same_pose(tmp_path: Path) -> None:
-    short = {"poses_per_placement": 6, "frames_per_pose": 2}
+    short = {"poses_per_placement": 6, "frames_per_pose": 2, "settle_s": 0.05}
     session, again = once_and_again("cone-capture", tmp_path, **short, **BRISK)
     told = {c.protocol for c in session.recording.connections}
     assert told >= {"rtde", "primary", "dashboard", "motion-child", "vision-child", "modbus"}
