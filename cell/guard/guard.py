@@ -230,7 +230,8 @@ class MotionGuard:
         tcp[:, :3, :3] = a[:3, :3] @ Rotation.from_rotvec(s * turn).as_matrix()
         tcp[:, :3, 3] = a[:3, 3] + s * shift
         tcp[:, 3, 3] = 1.0
-        duration = max(length / speed, angle / (_TURN_SHARE * float(self.limits.joint_speeds_rad_s.min())))
+        # By the fastest joint: a slow one does not slow the turn down, it is what is looked for.
+        duration = max(length / speed, angle / (_TURN_SHARE * float(self.limits.joint_speeds_rad_s.max())))
         return tcp @ self.tool.T_flange_tool.inv().as_matrix(), duration
 
     def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:

@@ -45,7 +45,7 @@ class IsoRun:
     def __init__(self, config: Iso9283Config, run: Run) -> None:
         self.config, self.run, self.arm = config, run, run.arm()
         self.eye, self.record = Eye(run, config), IsoRecord(run.folder)
-        self.speed = _share(lease_settings(run.values)[2], config.speed_share)
+        self.speed = speed_of(lease_settings(run.values)[2], config.speed_share)
         self.point = point_of(run.values, config)
         self.place: Registration | None = None
         if config.T_base_tracker_nominal is not None:
@@ -192,5 +192,10 @@ class IsoRun:
         return self.record.write_data_set(header)
 
 
-def _share(speed: Speed, share: float) -> Speed:
-    return replace(speed, tcp_m_s=share * speed.tcp_m_s, joint_rad_s=share * speed.joint_rad_s)
+def speed_of(speed: Speed, share: float) -> Speed:
+    return replace(
+        speed,
+        tcp_m_s=share * speed.tcp_m_s,
+        joint_rad_s=share * speed.joint_rad_s,
+        each_joint_rad_s=tuple(share * v for v in speed.each_joint_rad_s),
+    )

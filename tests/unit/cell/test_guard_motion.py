@@ -384,3 +384,16 @@ def test_a_line_is_held_to_the_speed_of_each_joint() -> None:
     failure = refusal(slow.check_path_linear, HOME_POSE, end, HOME)
     assert "joint 'base' would turn at" in str(failure)
     assert "(limit 0.1 rad/s)" in str(failure)
+
+
+def test_a_slow_joint_lets_no_other_turn_faster_on_a_line() -> None:
+    """The tool turns on the spot near a singular pose of the wrist; no joint paces that."""
+    start = HOME.copy()
+    start[4] = -0.2
+    tool = make_guard().tool.T_flange_tool
+    turn = RigidTransform.from_rotation(Rotation.from_rotvec([0.4, 0.0, 0.0]))
+    T0 = ARM.forward(start)
+    for speeds in (2.0, [0.2, *[2.0] * 5]):
+        subject = make_guard(joint_speed_rad_s=speeds, speed_m_s=0.5, keep_out=[])
+        failure = refusal(subject.check_path_linear, T0, T0 * tool * turn * tool.inv(), start)
+        assert "would turn at" in str(failure), speeds

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.identification.registration import register
 from cell.calibrations import kinematics
+from cell.devices import Speed
 from cell.errors import CellError
 from cell.poses import from_pose6
 from cell.store.files import read_json, to_json
@@ -25,6 +26,7 @@ from fakes.world.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.expectation import iso9283_expectation
 from procedures.iso9283.plan import ORDER
+from procedures.iso9283.session import speed_of
 from tests.kit.ideal_world import ideal_text
 from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.kit.solved import solve_again, solve_iso9283
@@ -457,3 +459,9 @@ def test_an_abort_leaves_its_arrivals_in_a_data_set_and_a_kill_leaves_them_reada
     (folder / "samples.jsonl").write_bytes(b"nonsense\n" + lines)
     with pytest.raises(CellError, match=r"samples\.jsonl:1: no line of a test's arrivals"):
         solve_iso9283(path, {})
+
+
+def test_a_share_of_the_speed_is_one_of_each_joint() -> None:
+    limits = Speed(0.5, 1.0, 2.0, 4.0, each_joint_rad_s=(1.0, 1.0, 2.0, 2.0, 2.0, 2.0))
+    base_alone = speed_of(limits, 0.5).between(np.zeros(6), np.eye(6)[0])
+    assert base_alone.joint_rad_s == 0.5
