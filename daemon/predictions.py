@@ -34,22 +34,17 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
             if made := _prediction(setup_of(config, tool), job, section):
                 found.append(made | ({} if usual is not None else {"tool": tool.name}))
     for name, recipe in config.recipe.items():
-        if recipe.parameters and (made := _of_recipe(config, recipe)) and made not in map(_plain, found):
-            found.append(made | {"recipe": name})
+        if _tool_of(config, recipe.job, recipe, None) is None:
+            continue
+        if (made := prediction_of(config, name)) and not any(_told_by(made, other) for other in found):
+            found.append(made | {"job": recipe.job, "recipe": name})
     return found
 
 
-def _of_recipe(config: CellConfig, recipe: Recipe) -> dict[str, Any] | None:
-    """None for a recipe without a section of its job, or whose start has to name the tool."""
-    sections = _sections(config, recipe)
-    tool = _tool_of(config, recipe.job, recipe, None)
-    if tool is None or recipe.job not in config.job:
-        return None
-    return _prediction(setup_of(config, tool, sections), recipe.job, sections[recipe.job])
-
-
-def _plain(prediction: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in prediction.items() if key != "tool"}
+def _told_by(prediction: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether the ``other`` one, which may have limits of more jobs, says all of it."""
+    same = prediction["text"] == other["text"]
+    return same and all(limit in other.get("limits", ()) for limit in prediction.get("limits", ()))
 
 
 def _tool_of(config: CellConfig, job: str, recipe: Recipe | None, tool: str | None) -> CellTool | None:
@@ -69,6 +64,8 @@ def prediction_of(config: CellConfig, name: str, tool: str | None = None) -> dic
     """
     recipe = config.recipe.get(name)
     job, sections = name if recipe is None else recipe.job, _sections(config, recipe)
+    if job not in JOBS:
+        return None
     setup = setup_of(config, _tool_of(config, job, recipe, tool), sections)
     for by in (job, *(other.name for other in JOBS[job].inherits)):
         if by in sections and (made := _prediction(setup, by, sections[by])):
@@ -116,13 +113,13 @@ def setup_of(
 
 def _sections(config: CellConfig, recipe: Recipe | None = None) -> dict[str, BaseModel]:
     """The configured jobs with their sections, in the order of the jobs; that of a ``recipe`` with its
-    arguments."""
+    arguments, also where the job has no section of its own."""
     found = {
         name: job.Config.model_validate(section)
         for name, job in JOBS.items()
         if (section := config.job_section(name))
     }
-    if recipe is not None and recipe.job in found:
+    if recipe is not None and recipe.job in JOBS:
         found[recipe.job] = make_procedure(JOBS[recipe.job], config, {}, recipe.parameters).config
     return found
 

@@ -57,3 +57,18 @@ def test_a_recipe_is_told_where_its_arguments_make_a_difference(
         found = prediction_of(config, name)
         assert found is not None
         assert found["text"] == told["text"]
+
+
+def test_a_recipe_of_a_check_is_told_with_its_own_tolerance_and_no_section(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
+    jobs = {"laser-reference": {"max_descents": 2, "passes": 2}, "laser-check": {}}
+    write_config(tmp_path, "laser:ideal", jobs=jobs)
+    path = tmp_path / "cell.toml"
+    with path.open("a") as file:
+        file.write('\n[recipe.strict]\njob = "laser-check"\ntolerance_m = 0.0002\n')
+        file.write('\n[recipe.tight]\njob = "laser-update"\nmax_U_m = 1e-6\n')
+    strict, tight = (one for one in predictions(load_config(path)) if "recipe" in one)
+    assert (strict["job"], strict["recipe"], strict["tolerance_m"]) == ("laser-check", "strict", 0.0002)
+    assert (tight["job"], [limit["limit"] for limit in tight["limits"]]) == ("laser-update", [1e-6])
