@@ -5,6 +5,7 @@ sub-packages of the same form. Layouts after Universal Robots' client interface 
 """
 
 import asyncio
+import math
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -97,14 +98,18 @@ class JointLimits:
     speeds: Six
 
 
-def parse_joint_limits(body: bytes) -> JointLimits:
+def parse_joint_limits(body: bytes) -> JointLimits | None:
     """From configuration data: six pairs of lowest and highest angle come first, then six of speed and
-    acceleration."""
+    acceleration. None for what cannot be limits, as where nothing was filled in."""
     if len(body) < 192:
         raise error("PROTOCOL_VIOLATION", f"configuration data of {len(body)} bytes")
     ends, moving = struct.unpack_from(">12d", body, 0), struct.unpack_from(">12d", body, 96)
-    s1, s2, s3, s4, s5, s6 = moving[::2]
-    return JointLimits(tuple(zip(ends[::2], ends[1::2], strict=True)), (s1, s2, s3, s4, s5, s6))
+    s1, s2, s3, s4, s5, s6 = speeds = moving[::2]
+    ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
+    told = all(map(math.isfinite, (*ends, *speeds))) and min(speeds) > 0.0
+    if not told or any(low >= high for low, high in ranges):
+        return None
+    return JointLimits(ranges, (s1, s2, s3, s4, s5, s6))
 
 
 class PrimaryLink:

@@ -46,10 +46,22 @@ def test_its_configuration_data_tell_how_far_and_how_fast_its_joints_may_turn() 
     """363 deg each way and 191.5 deg/s each; between the speeds stand 40 rad/s^2, which fit a UR5e."""
     data = configuration(recorded())
     found = parse_joint_limits(data)
+    assert found is not None
     assert found.speeds == pytest.approx((3.3416,) * 6, abs=1e-4)
     assert np.degrees(found.ranges) == pytest.approx(np.tile([-363.0, 363.0], (6, 1)), abs=1e-6)
     with pytest.raises(CellError, match="configuration data of 100 bytes"):
         parse_joint_limits(data[:100])
+
+
+@pytest.mark.parametrize("at", [0, 96])
+def test_what_cannot_be_limits_of_joints_is_not_told(at: int) -> None:
+    """An empty range, or a joint without speed, would refuse every job."""
+    data = bytearray(configuration(recorded()))
+    data[at : at + 16] = bytes(16)
+    assert parse_joint_limits(bytes(data)) is None
+    for value in (float("nan"), float("-inf")):
+        data[at : at + 8] = struct.pack(">d", value)
+        assert parse_joint_limits(bytes(data)) is None
 
 
 def test_a_twin_of_that_arm_tells_the_same_configuration_data() -> None:
@@ -68,6 +80,7 @@ def test_a_twin_tells_what_was_set_in_its_safety_configuration_and_keeps_to_it()
     )
     robot = Robot(Identity(limits=limits), Track(0.0, np.zeros(6)), chain("ur10e"), lambda: 0.0)
     found = parse_joint_limits(configuration(robot_state(robot, robot.instant(0.0))))
+    assert found is not None
     assert found.speeds == (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
     assert found.ranges == ((-1.0, 2.0), *((-6.0, 6.0),) * 5)
     assert robot.arm.within_limits([1.9, 0, 0, 0, 0, 0])
