@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
 from procedures.documents import read_result
@@ -150,6 +151,30 @@ def test_a_finish_at_a_corner_lifts_the_tool_and_says_that_it_was_too_early(tmp_
         assert found["reasons"][0].startswith("too-few-corners: ")
 
     scene_of(tmp_path, act)
+
+
+def test_a_dry_run_lists_the_corners_as_they_are_seen_and_moves_nothing(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        planned = plan_text((await cell.dry_run())["plan"])
+        assert [f"corner {k}" in planned for k in (0, 8, 53, 45)] == [True] * 4
+        assert cell.plant.world.track.at(cell.clock.now())[0].tolist() == cell.config.poses["home"]
+
+    scene_of(tmp_path, act)
+
+
+def test_corners_that_the_guard_forbids_are_refused_before_the_first_of_them(tmp_path: Path) -> None:
+    async def main() -> None:
+        config = touch_config(tmp_path)
+        config.limits.workspace[0].min[2] = 0.3  # the board is below that
+        async with open_cell(config, job=TOUCH) as cell:
+            give_hand_eye(cell)
+            end = await cell.finished(await cell.start())
+            assert end["error"]["name"] == "MOTION_COLLISION"
+            assert not [line for line in cell.journal(1) if line.get("state") == "approach"]
+            assert cell.at_rest()
+
+    run_virtual(main())
 
 
 def test_what_is_missing_is_refused_before_anything_moves(tmp_path: Path) -> None:
