@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.planning.cone import ConeShape
 from calibration.planning.plan import ConePlan
-from calibration.planning.planner import Checker, ConeRequest, plan_cone
+from calibration.planning.planner import Checker, ConeRequest, judged_once, plan_cone
 from cell.arm_model import ArmModel
 
 _FARTHER = 1.4  # of the distance: parts focal length and printed size, and is still within most reaches
@@ -33,6 +33,7 @@ def plan_telling_cone(
     A change may cost one pose in ten: the error is that of the poses that are left. A second distance that is
     given in ``request.shape`` is kept.
     """
+    checker = judged_once(checker)
     best, shape = plan_cone(request, model, checker), request.shape
     if len(best.poses) < _FEWEST:
         return best

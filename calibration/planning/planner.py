@@ -40,6 +40,24 @@ class ConeRequest:
     skip: Collection[int] = field(default_factory=frozenset)
 
 
+def judged_once(checker: Checker) -> Checker:
+    """``checker`` for plans that are alike: of each path it is asked once."""
+    known: dict[tuple[bytes, bytes], CellError | None] = {}
+
+    def check(q_from: Array, q_to: Array) -> None:
+        path = q_from.tobytes(), q_to.tobytes()
+        if path not in known:
+            try:
+                checker(q_from, q_to)
+                known[path] = None
+            except CellError as exc:
+                known[path] = exc
+        if (forbidden := known[path]) is not None:
+            raise forbidden.with_traceback(None)
+
+    return check
+
+
 def plan_cone(request: ConeRequest, model: ArmModel, checker: Checker) -> ConePlan:
     """The best plan over all candidate axes: the first that loses no pose, else the one that loses fewest.
 

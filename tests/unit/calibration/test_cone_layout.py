@@ -10,6 +10,7 @@ from calibration.adjustment.unknowns import ArmKnown
 from calibration.kinematics.families import arm_spec
 from calibration.planning import ConePlan, ConeShape, PredictedUncertainty, plan_cone, plan_telling_cone
 from cell.formats.robot import parse_robot
+from cell.poses import Array
 from tests.unit.calibration.test_cone_plan import (
     CAMERA,
     PLACES,
@@ -76,7 +77,14 @@ def test_a_change_costs_one_pose_in_ten_at_most_and_tells_more_for_it() -> None:
     box = {"name": "post", "min": [-0.9, -0.35, 0.45], "max": [-0.75, -0.15, 1.2]}
     guard, wanted = make_guard(box), request(PLACES[1])
     plain = plan_cone(wanted, guard.model, guard.check_path_joints)
-    subject = plan_telling_cone(wanted, guard.model, guard.check_path_joints, error95)
+    asked: list[tuple[bytes, bytes]] = []
+
+    def check(q_from: Array, q_to: Array) -> None:
+        asked.append((q_from.tobytes(), q_to.tobytes()))
+        guard.check_path_joints(q_from, q_to)
+
+    subject = plan_telling_cone(wanted, guard.model, check, error95)
+    assert len(set(asked)) == len(asked), "laps have most of their ways in common, which are judged once"
     assert 3 <= len(plain.poses) < 20, "the box is in the way"
     assert len(subject.poses) >= 0.9 * len(plain.poses)
     assert error95(subject) <= error95(plain)
