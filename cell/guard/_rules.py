@@ -11,6 +11,8 @@ from cell.guard.geometry import segment_box_distance, segment_segment_distance, 
 from cell.guard.limits import Box, GuardLimits
 from cell.poses import Array
 
+_STILL_M = 1e-9  # from sample to sample: does not move
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -34,15 +36,20 @@ class Slacks:
         index, k = divmod(int(np.argmin(self.values)), self.values.shape[1])
         return Finding(index, float(self.values[index, k]), self.texts[k])
 
+    def needed(self, limit: Array, clear_m: float) -> Array:
+        """(n, k) or (n, 1): the slack that each column has to keep, see :meth:`first_below`."""
+        needed = limit[:, None]
+        if clear_m > 0.0:
+            ends = np.minimum(self.values[0], self.values[-1])
+            needed = np.maximum(needed, np.minimum(ends, clear_m))
+        return needed
+
     def first_below(self, limit: Array, clear_m: float = 0.0) -> Finding | None:
         """The tightest column at the first sample with a slack below its ``limit`` (n,), or None.
 
         A column keeps ``clear_m`` as well, or as much as the nearer end of the path has anyhow.
         """
-        needed = limit[:, None]
-        if clear_m > 0.0:
-            ends = np.minimum(self.values[0], self.values[-1])
-            needed = np.maximum(needed, np.minimum(ends, clear_m))
+        needed = self.needed(limit, clear_m)
         below = self.values < needed
         if not below.any():
             return None
@@ -82,6 +89,22 @@ class Rules:
         """
         found = (rule.first_below(limit, clear_m) for rule in self._all(ends, clear_m))
         return min((f for f in found if f is not None), key=lambda f: f.index, default=None)
+
+    def spare(self, ends: Array, limit: Array, clear_m: float, turned_m: Array) -> Array:
+        """(n,): from each of the samples that are seen, over how many more every rule is kept; negative where
+        one is broken.
+
+        From one sample of the path to the next joint i moves no point by more than ``turned_m[i]`` (6,).
+        """
+        *outside, own = self._all(ends, clear_m)
+        before = np.append(0.0, np.cumsum(turned_m))[self._body.joints_before]
+        i, j = self._body.self_pairs.T  # two parts come nearer by what turns between them
+        steps = [*(np.sum(turned_m) for _ in outside), before[j] - before[i]]
+        found = np.full(len(ends), np.inf)
+        for rule, step in zip((*outside, own), steps, strict=True):
+            left = (rule.values - rule.needed(limit, clear_m)) / np.maximum(step, _STILL_M)
+            np.minimum(found, np.min(left, axis=1, initial=np.inf), out=found)
+        return found
 
     def kept(self, ends: Array, clear_m: float = 0.0) -> NDArray[np.bool_]:
         """(n,): at which samples every rule is kept with ``clear_m`` to spare."""

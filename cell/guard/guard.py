@@ -22,6 +22,8 @@ from cell.poses import Array
 
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
 PLANNED_CLEAR_M = SAMPLE_M  # twice what a path can come nearer to anything between two samples
+_STRIDE = 5  # samples of a path of which one is looked at first
+_SAFELY = 1.05  # times what the arm moves: far more than rounding
 _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
 _SMOOTH_RAD = 0.1  # no joint turns farther within one sample of a line unless branches are close
 _TOGETHER = 8  # samples of a line, so near each other that their joints are found from common starts
@@ -72,7 +74,13 @@ class MotionGuard:
         """
         start, end = _six(q0), _six(q1)
         samples = self._joint_samples(start, end)
-        self._check(samples, _on_path(len(samples)), _path_limit(len(samples)), clear_m)
+        place, limit = _on_path(len(samples)), _path_limit(len(samples))
+        self._check_joint_range(samples, place)
+        rows = self._doubtful(samples, limit, clear_m)
+        if len(rows):
+            finding = self._rules.first_broken(self._body.ends(samples[rows]), limit[rows], clear_m)
+            if finding is not None:
+                raise _collision(finding, place(int(rows[finding.index])))
 
     def check_path_linear(
         self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
@@ -146,6 +154,32 @@ class MotionGuard:
         finding = self._rules.first_broken(self._body.ends(Q, flange), slack_limit, clear_m)
         if finding is not None:
             raise _collision(finding, place(finding.index))
+
+    def _doubtful(self, samples: Array, limit: Array, clear_m: float) -> NDArray[np.intp]:
+        """(k,) which of the ``samples`` (n, 6) of a path can be the first to break a rule, with both ends;
+        none of them where the path is free.
+
+        One sample in ``_STRIDE`` is looked at. On the way to the next one nothing comes nearer to anything by
+        more than it moves: where two of them have enough to spare, those between them break no rule.
+        """
+        last = len(samples) - 1
+        if last < 2 * _STRIDE:
+            return np.arange(last + 1)
+        seen = np.append(np.arange(0, last, _STRIDE), last)
+        turned = np.abs(samples[-1] - samples[0]) / last * self._body.reach_after
+        spare = self._rules.spare(self._body.ends(samples[seen]), limit[seen], clear_m, turned)
+        broken = np.flatnonzero(spare < 0.0)
+        until = int(broken[0]) if len(broken) else len(seen)
+        doubt = spare[:-1] + spare[1:] < _SAFELY * np.diff(seen)
+        doubt[until:] = False
+        if not doubt.any() and not len(broken):
+            return seen[:0]
+        rows = np.zeros(last + 1, dtype=bool)
+        rows[[0, last]] = True
+        for k in np.flatnonzero(doubt):
+            rows[seen[k] : seen[k + 1] + 1] = True
+        rows[seen[broken[:1]]] = True
+        return np.flatnonzero(rows)
 
     def _check_joint_range(self, Q: Array, place: Place) -> None:
         low, high = self._joint_limits.T

@@ -15,6 +15,7 @@ from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
 from cell.motion import Guard
 from cell.poses import Array, from_pose6
 
+ALL = 1_000_000  # samples of a path in one stride: each of them is looked at
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
 PILLAR = {"name": "pillar", "min": [0.6, -0.2, 0.0], "max": [0.8, 0.2, 1.5]}
 HALL = {"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}
@@ -107,7 +108,10 @@ def test_a_path_past_a_box_is_free_when_the_box_is_gone() -> None:
     subject.check_path_joints(turned(np.pi - 0.9, 0, 0, 0, 0, 0), turned(np.pi + 0.9, 0, 0, 0, 0, 0))
 
 
-def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples() -> None:
+def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cell.guard.guard._STRIDE", ALL)
     arm = RecordingArm("ur10e")
     subject = make_guard(arm=arm)
     rng = np.random.default_rng(2)
@@ -119,6 +123,54 @@ def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples()
         tips = (ARM.forward_many(Q) * subject.tool.T_flange_tool).translation
         points = [tips, *np.moveaxis(ARM.link_ends(Q).reshape(len(Q), -1, 3), 1, 0)]
         assert max(np.max(np.linalg.norm(np.diff(p, axis=0), axis=1)) for p in points) <= 0.0101
+
+
+ROOMS = {
+    "hall": {},
+    "boxes that overlap": {
+        "workspace": [
+            {"min": [-1.3, -1.3, 0.0], "max": [0.1, 1.3, 1.8]},
+            {"min": [0.0, -1.3, 0.0], "max": [1.3, 1.3, 1.2]},
+            {"min": [-0.5, -1.3, 0.3], "max": [0.9, 0.4, 1.9]},
+        ]
+    },
+    "open": {"workspace": [{"min": [-2, -2, -1], "max": [2, 2, 2.5]}], "keep_out": []},
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_path_is_judged_as_if_each_of_its_samples_were_looked_at(
+    room: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject, rng = make_guard(**ROOMS[room]), np.random.default_rng(11)
+    paths = []
+    for k in range(60):
+        start = HOME + 0.3 * rng.normal(size=6)
+        way = 0.8 * rng.normal(size=6) + [rng.uniform(-2.0, 2.0), 0, 0, 0, 0, 0]
+        paths.append((start, np.clip(start + way, -3.1, 3.1), (0.0, PLANNED_CLEAR_M)[k % 2]))
+
+    def judged() -> list[str | None]:
+        found: list[str | None] = []
+        for start, end, clear_m in paths:
+            try:
+                subject.check_path_joints(start, end, clear_m)
+                found.append(None)
+            except CellError as failure:
+                found.append(str(failure))
+        return found
+
+    here_and_there = judged()
+    monkeypatch.setattr("cell.guard.guard._STRIDE", ALL)
+    assert here_and_there == judged()
+    assert 5 < here_and_there.count(None) < 55, "some are free, and some are not"
+
+
+def test_most_of_a_path_in_the_open_is_not_looked_at() -> None:
+    arm = RecordingArm("ur10e")
+    subject = make_guard(arm=arm, keep_out=[])
+    start, end = turned(-1.0, 0, 0, 0, 0, 0), turned(1.0, 0, 0, 0, 0, 0)
+    subject.check_path_joints(start, end)
+    assert sum(len(Q) for Q in arm.seen) < len(subject._joint_samples(start, end)) / 3
 
 
 def test_a_link_hits_a_box_that_the_tool_misses() -> None:
