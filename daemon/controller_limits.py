@@ -28,14 +28,13 @@ def told_by(config: CellConfig, supervisor: Supervisor) -> Mapping[str, Any]:
 def limits_in_use(config: CellConfig, told: Mapping[str, Any]) -> dict[str, Any]:
     """``[limits]``, with the joint ranges that the controller ``told`` where none are configured."""
     limits = config.limits.model_dump(mode="json")
-    if limits["joint_ranges_rad"] is None:
-        limits["joint_ranges_rad"] = told.get("joint_ranges_rad")
-    return limits
+    own = told.get("joint_ranges_rad")
+    return limits if own is None else {"joint_ranges_rad": own, **limits}
 
 
 def require_within(limits: Mapping[str, Any], told: Mapping[str, Any]) -> None:
     """``LIMITS_BEYOND_CONTROLLER`` where ``limits`` allow a joint more than the controller ``told``."""
-    found = [*_too_fast(limits["joint_speed_rad_s"], told), *_too_far(limits["joint_ranges_rad"], told)]
+    found = [*_too_fast(limits["joint_speed_rad_s"], told), *_too_far(limits.get("joint_ranges_rad"), told)]
     if found:
         raise error("LIMITS_BEYOND_CONTROLLER", "; ".join(found))
 

@@ -1,11 +1,11 @@
 """``[limits]``: what every motion keeps to."""
 
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
 from cell.formats.joint_limits import JointRanges, JointSpeeds
-from daemon.config.section import Point, Section
+from daemon.config.section import GrownSection, Point, Section
 
 
 class Box(Section):
@@ -27,8 +27,10 @@ class KeepOutBox(Box):
     name: str = Field(min_length=1, description="shown when a move would enter it")
 
 
-class LimitsSection(Section):
+class LimitsSection(GrownSection):
     """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
+
+    LATER: ClassVar = frozenset({"joint_ranges_rad"})
 
     speed_m_s: float = Field(default=0.25, ge=0.001, le=5.0, description="highest speed of the tool")
     accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="highest acceleration of the tool")

@@ -69,7 +69,7 @@ class ResolvedRobot(RobotSection):
 
 
 NO_PART_OF_A_RUN = frozenset({"http", "mqtt", "check_due"})  # sections that change nothing of what a run does
-LATER = frozenset({"tool", "recipe"})  # a file without these tables keeps the digest that it always had
+LATER = frozenset({"tool", "recipe"})  # without these tables a file keeps its digest; keys: GrownSection
 OF_EVERY_JOB = frozenset({"procedure", "tool"})  # keys of [job.NAME] that are not its class's
 
 

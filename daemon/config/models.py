@@ -2,7 +2,7 @@
 
 import ipaddress
 from datetime import date
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -11,7 +11,7 @@ from daemon.config.limits_section import LimitsSection
 from daemon.config.mqtt_section import MqttSection
 from daemon.config.program_after import ProgramAfter
 from daemon.config.recipes import NAME as RECIPE_NAME
-from daemon.config.section import Point, Pose6, Section, absolute
+from daemon.config.section import GrownSection, Point, Pose6, Section, absolute
 from daemon.config.tools import NAME as TOOL_NAME
 from daemon.config.tools import NamedToolSection
 from drivers.can_bus.address import parse_bus
@@ -207,8 +207,10 @@ class NominalBelt(Section):
         return present(self.wheel_circumference_m, "wheel") / present(self.counts_per_revolution, "counts")
 
 
-class RobotSection(Section):
+class RobotSection(GrownSection):
     """Which device plays which role, and what is mounted on the arm."""
+
+    LATER: ClassVar = frozenset({"program_after"})
 
     arm: str | None = Field(default=None, description="device: the arm that is moved")
     observed_arm: str | None = Field(default=None, description="device: an arm that is read, not moved")

@@ -158,6 +158,16 @@ def test_the_checksum_follows_the_values_and_not_the_text(tmp_path: Path, subjec
     assert other.checksum != subject.checksum
 
 
+def test_optional_keys_that_came_later_leave_a_files_digest_as_it_was(
+    tmp_path: Path, subject: CellConfig
+) -> None:
+    """As it was before ``robot.program_after`` and ``limits.joint_ranges_rad``."""
+    assert subject.digest == "43665bd455703675c0d274e16713bcbc8ded91afcbe5099a0ffaa8e3af477165"
+    assert subject.checksum == 28233
+    ranges = load(tmp_path, f"{GOOD}[limits]\njoint_ranges_rad = {[[-3.0, 3.0]] * 6}\n")
+    assert ranges.digest != subject.digest
+
+
 BAD = """[cell]
 nam = "bay-3"
 [robot]

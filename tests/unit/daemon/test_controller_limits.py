@@ -10,7 +10,7 @@ import pytest
 from cell.errors import CellError
 from daemon.cli.probe import judge_limits
 from daemon.config import CellConfig
-from daemon.controller_limits import require_within
+from daemon.controller_limits import limits_in_use, require_within
 from daemon.values import resolve_values
 from fakes.object import run_virtual
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
@@ -96,6 +96,12 @@ def test_a_start_is_refused_in_one_sentence(tmp_path: Path) -> None:
     assert found is not None
     assert found.name == "LIMITS_BEYOND_CONTROLLER"
     assert "joint 'base' 0.8 rad/s where the controller allows 0.500 rad/s" in found.detail
+
+
+def test_limits_without_ranges_are_as_they_were_where_the_arm_tells_none(tmp_path: Path) -> None:
+    """What ``run.json`` keeps of them, so that a run from before there were ranges can be taken up."""
+    subject = limits_in_use(write_config(tmp_path, limits={"workspace": BOX}), {"joint_ranges_rad": None})
+    assert "joint_ranges_rad" not in subject
 
 
 def test_without_ranges_of_its_own_a_run_keeps_to_those_of_the_controller(tmp_path: Path) -> None:
