@@ -107,7 +107,7 @@ class UrArm(SampledDevice):
 
         ``extra["kinematics"]``: the arm's own DH rows, their check sums and, as ``calibration``, the deltas
         to the nominal model. ``extra["joint_speeds_rad_s"]`` (6) and ``extra["joint_ranges_rad"]`` (6, 2):
-        what this controller allows each joint.
+        what this controller allows each joint; without what cannot be limits.
         """
         self._life.require()
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
@@ -126,8 +126,7 @@ class UrArm(SampledDevice):
                 )
         extra: dict[str, Any] = {"kinematics": describe(facts.model, found), "urcontrol": self._version}
         if (limits := self._primary.joint_limits) is not None:
-            extra["joint_speeds_rad_s"] = list(limits.speeds)
-            extra["joint_ranges_rad"] = [list(ends) for ends in limits.ranges]
+            extra |= limits.told()
         return Identity(facts.model, facts.serial, facts.version, extra)
 
     def health(self) -> dict[str, Any]:
@@ -225,10 +224,15 @@ class UrArm(SampledDevice):
             told.closed()
 
     async def doubts(self) -> list[str]:
-        """What only a probe looks for: registers that a PLC on the controller's fieldbus holds."""
+        """What only a probe looks for: registers that a PLC on the controller's fieldbus holds, and joint
+        limits that cannot be any."""
         config = self._config
         names = await registers_in_use(config.host, self._clock, config.connect_timeout_s)
-        return [registers_warning(self.name, names)] if names else []
+        limits = None if self._primary is None else self._primary.joint_limits
+        return [
+            *([registers_warning(self.name, names)] if names else []),
+            *(limits.doubts if limits is not None else ()),
+        ]
 
     async def stop_program(self) -> None:
         """Stop ladder, step three: the dashboard's stop, on a connection of its own."""

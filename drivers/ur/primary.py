@@ -5,10 +5,10 @@ sub-packages of the same form. Layouts after Universal Robots' client interface 
 """
 
 import asyncio
-import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from math import inf
 
 from cell.errors import CellError, error, present
 from cell.wire_recording.tap import tap
@@ -92,24 +92,44 @@ def parse_kinematics(body: bytes) -> Kinematics:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What this controller allows each joint: lowest and highest angle, rad, and highest speed, rad/s."""
+    """What this controller allows each joint: lowest and highest angle, rad, and highest speed, rad/s.
 
-    ranges: tuple[tuple[float, float], ...]
-    speeds: Six
+    None: what it told cannot be that, as ``doubts`` say.
+    """
+
+    ranges: tuple[tuple[float, float], ...] | None
+    speeds: Six | None
+    doubts: tuple[str, ...] = ()
+
+    def told(self) -> dict[str, list[float] | list[list[float]]]:
+        """The limits that are known, as the identity of an arm has them."""
+        speeds = {} if self.speeds is None else {"joint_speeds_rad_s": list(self.speeds)}
+        ranges = {} if self.ranges is None else {"joint_ranges_rad": [list(ends) for ends in self.ranges]}
+        return {**speeds, **ranges}
 
 
-def parse_joint_limits(body: bytes) -> JointLimits | None:
+def parse_joint_limits(body: bytes) -> JointLimits:
     """From configuration data: six pairs of lowest and highest angle come first, then six of speed and
-    acceleration. None for what cannot be limits, as where nothing was filled in."""
+    acceleration. Numbers that cannot be limits are not taken: the arm measures as well without them."""
     if len(body) < 192:
         raise error("PROTOCOL_VIOLATION", f"configuration data of {len(body)} bytes")
     ends, moving = struct.unpack_from(">12d", body, 0), struct.unpack_from(">12d", body, 96)
-    s1, s2, s3, s4, s5, s6 = speeds = moving[::2]
-    ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
-    told = all(map(math.isfinite, (*ends, *speeds))) and min(speeds) > 0.0
-    if not told or any(low >= high for low, high in ranges):
-        return None
-    return JointLimits(ranges, (s1, s2, s3, s4, s5, s6))
+    s1, s2, s3, s4, s5, s6 = moving[::2]
+    ranges, speeds = tuple(zip(ends[::2], ends[1::2], strict=True)), (s1, s2, s3, s4, s5, s6)
+    doubts: list[str] = []
+    if not (rising := all(-inf < low < high < inf for low, high in ranges)):
+        doubts.append(_impossible("ranges", ends, "rad"))
+    if not (turning := all(0.0 < speed < inf for speed in speeds)):
+        doubts.append(_impossible("speeds", speeds, "rad/s"))
+    return JointLimits(ranges if rising else None, speeds if turning else None, tuple(doubts))
+
+
+def _impossible(what: str, values: Iterable[float], unit: str) -> str:
+    told = ", ".join(f"{value:g}" for value in values)
+    return (
+        f"the controller tells joint {what} of {told} {unit}, which cannot be limits: they are not used, and "
+        "[limits] is not held against them; see the robot's own safety configuration"
+    )
 
 
 class PrimaryLink:

@@ -3,14 +3,23 @@
 import asyncio
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cell.errors import CellError
 from cell.wire_recording.reader import Connection, Record, WireRecording
+from drivers.ur.arm import UrArm
 from drivers.ur.kinematics import describe
-from drivers.ur.primary import PrimaryLink, PrimarySplitter, Six, parse_joint_limits, sub_packages
+from drivers.ur.primary import (
+    JointLimits,
+    PrimaryLink,
+    PrimarySplitter,
+    Six,
+    parse_joint_limits,
+    sub_packages,
+)
 from fakes.object import VirtualClock
 from fakes.object.loop import run_virtual
 from fakes.replay.player import WirePlayer
@@ -46,22 +55,51 @@ def test_its_configuration_data_tell_how_far_and_how_fast_its_joints_may_turn() 
     """363 deg each way and 191.5 deg/s each; between the speeds stand 40 rad/s^2, which fit a UR5e."""
     data = configuration(recorded())
     found = parse_joint_limits(data)
-    assert found is not None
     assert found.speeds == pytest.approx((3.3416,) * 6, abs=1e-4)
     assert np.degrees(found.ranges) == pytest.approx(np.tile([-363.0, 363.0], (6, 1)), abs=1e-6)
     with pytest.raises(CellError, match="configuration data of 100 bytes"):
         parse_joint_limits(data[:100])
 
 
-@pytest.mark.parametrize("at", [0, 96])
-def test_what_cannot_be_limits_of_joints_is_not_told(at: int) -> None:
-    """An empty range, or a joint without speed, would refuse every job."""
+NAN = float("nan")
+
+
+def test_of_configuration_data_that_nothing_was_filled_in_nothing_is_taken() -> None:
+    subject = parse_joint_limits(bytes(192))
+    assert (subject.told(), len(subject.doubts)) == ({}, 2)
+
+
+@pytest.mark.parametrize(
+    ("at", "wrong", "what"),
+    [
+        (0, NAN, "ranges"),
+        (23, 1.0, ""),  # an acceleration, which is not read
+        (1, float("inf"), "ranges"),
+        (1, -6.4, "ranges"),  # the lowest is -363 deg
+        (12, 0.0, "speeds"),
+        (22, NAN, "speeds"),
+        (14, -1.0, "speeds"),
+    ],
+)
+def test_numbers_that_cannot_be_limits_are_not_taken_and_named(at: int, wrong: float, what: str) -> None:
     data = bytearray(configuration(recorded()))
-    data[at : at + 16] = bytes(16)
-    assert parse_joint_limits(bytes(data)) is None
-    for value in (float("nan"), float("-inf")):
-        data[at : at + 8] = struct.pack(">d", value)
-        assert parse_joint_limits(bytes(data)) is None
+    struct.pack_into(">d", data, 8 * at, wrong)
+    found = parse_joint_limits(bytes(data))
+    known = {"ranges": "joint_ranges_rad", "speeds": "joint_speeds_rad_s"}
+    assert set(found.told()) == {key for kind, key in known.items() if kind != what}
+    assert len(found.doubts) == bool(what)
+    assert all(f"joint {what} of " in words and f"{wrong:g}" in words for words in found.doubts)
+
+
+def test_a_probe_says_which_limits_cannot_be_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def free(*_: object) -> list[str]:
+        return []
+
+    monkeypatch.setattr("drivers.ur.arm.registers_in_use", free)
+    arm = UrArm("arm", UrArm.Config(host=HOST), VirtualClock(BEGIN))
+    limits = JointLimits(((-1.0, 1.0),) * 6, None, ("the controller tells joint speeds of 0 rad/s",))
+    monkeypatch.setattr(arm, "_primary", SimpleNamespace(joint_limits=limits))
+    assert asyncio.run(arm.doubts()) == list(limits.doubts)
 
 
 def test_a_twin_of_that_arm_tells_the_same_configuration_data() -> None:
@@ -80,7 +118,6 @@ def test_a_twin_tells_what_was_set_in_its_safety_configuration_and_keeps_to_it()
     )
     robot = Robot(Identity(limits=limits), Track(0.0, np.zeros(6)), chain("ur10e"), lambda: 0.0)
     found = parse_joint_limits(configuration(robot_state(robot, robot.instant(0.0))))
-    assert found is not None
     assert found.speeds == (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
     assert found.ranges == ((-1.0, 2.0), *((-6.0, 6.0),) * 5)
     assert robot.arm.within_limits([1.9, 0, 0, 0, 0, 0])
