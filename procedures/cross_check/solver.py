@@ -132,7 +132,8 @@ def check_cell(
         solve_seconds=time.perf_counter() - began,
     )
     residuals = CrossCheckResiduals(then_px=first.px, now_px=last.px)
-    return _result(found, inputs, residuals, with_tool=tool is not None or by_touch is not None)
+    given = {"the beams": tool, "the touch test": by_touch}
+    return _result(found, inputs, residuals, " and ".join(by for by, one in given.items() if one is not None))
 
 
 @dataclass(frozen=True)
@@ -249,8 +250,9 @@ def _by_joints(values: RunValues) -> Array:
 
 
 def _result(
-    found: CrossChecked, inputs: CrossCheckInputs, residuals: CrossCheckResiduals, with_tool: bool
+    found: CrossChecked, inputs: CrossCheckInputs, residuals: CrossCheckResiduals, tool_by: str
 ) -> CrossCheckResult:
+    """``tool_by``: what the tool was measured by, in words; empty where it was not."""
     change, sigma = found.change, found.sigma
     figures: dict[str, float] = {}
     if found.part in ("tool", "camera"):
@@ -267,10 +269,10 @@ def _result(
         f"the zero of joint '{JOINTS[k]}': it shows in nothing that was measured" for k in found.unseen
     ]
     undetermined += [
-        f"the zero of joint '{JOINTS[k]}' from a bent tool: it shows in the beams alone"
+        f"the zero of joint '{JOINTS[k]}' from a bent tool: it shows in {tool_by} alone"
         for k in found.by_beams_alone
     ]
-    if not with_tool:
+    if not tool_by:
         undetermined.append("the tool: neither a measurement of it in the beams nor a touch test was given")
     good, open_ = answer.part == "none", answer.part == "cannot-tell"
     return CrossCheckResult(

@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.adjustment.cross_check import CrossChecked
 from calibration.adjustment.touch import Touches
 from calibration.hand_eye.problem import Setup
 from cell.errors import InputError
 from cell.poses import Array
 from cell.run_values import RunValues
+from procedures.cross_check.result import CrossCheckInputs, CrossCheckResiduals
 from procedures.cross_check.solver import (
     _by_joints,
     _Capture,
+    _result,
     check_cell,
     solve_cross_check,
     tool_of,
@@ -258,6 +261,15 @@ def test_a_touch_test_names_a_bent_tool_that_no_beams_saw(tmp_path: Path) -> Non
     assert found["result"]["t"] == pytest.approx(float(np.linalg.norm(what.tool)), rel=0.3)
     assert found["inputs"]["touch"] == str(tmp_path / "touch")
     assert not [open_ for open_ in found["observability"]["undetermined"] if open_.startswith("the tool:")]
+
+
+@pytest.mark.parametrize("by", ["the beams", "the touch test"])
+def test_what_shows_a_zero_is_named_as_it_was_given(by: str) -> None:
+    found = CrossChecked("none", None, {"none": 1.0}, np.zeros(3), np.ones(3), (), by_beams_alone=(0,))
+    inputs = CrossCheckInputs(then="then", now="now", setup="eye-in-hand")
+    result = _result(found, inputs, CrossCheckResiduals(then_px=None, now_px=None), by)
+    (open_,) = result.observability.undetermined
+    assert open_.endswith(f"from a bent tool: it shows in {by} alone")
 
 
 def test_a_touch_test_goes_with_a_camera_on_the_flange_and_its_own_target(tmp_path: Path) -> None:
