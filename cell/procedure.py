@@ -136,6 +136,7 @@ class Procedure(ABC):
     decides: ClassVar[bool] = False  # about what it proposed, itself and before it ends
     # Keys that a section takes from those of other jobs when it does not give them itself.
     inherits: ClassVar[Mapping[type["Procedure"], tuple[str, ...]]] = {}
+    reads_reference: ClassVar[bool] = False  # of the tool, by laser-reference; also without beams of its own
     judges_arm: ClassVar[bool] = False  # it looks at the arm as its controller believes it, calibrated or not
 
     def __init__(self, config: Any) -> None:

@@ -142,7 +142,8 @@ class Engine:
     async def _values_of(self, procedure: Procedure, tool: CellTool | None) -> RunValues:
         """The values that the job works with now; refused where they cannot be used."""
         config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
-        values = await asyncio.to_thread(resolve_values, config, self.ledger, supervisor, roles, tool)
+        asked = config, self.ledger, supervisor, roles, tool, procedure.reads_reference
+        values = await asyncio.to_thread(resolve_values, *asked)
         values = with_limits(values, procedure, config, supervisor)
         values = with_arm_model(values, procedure, config, supervisor)
         procedure.check(values)

@@ -60,14 +60,18 @@ def resolve_values(
     supervisor: Supervisor,
     uses: Collection[str],
     tool: CellTool | None,
+    reads_reference: bool = False,
 ) -> RunValues:
     """The values of a run that uses these roles: the ``tool``, the arm, and what is calibrated of the roles.
+
+    The tool's laser reference is among them with the beams, and where the run ``reads_reference``.
 
     ``RESULT_CONFLICT`` when a configured value of those was edited under a committed one.
     """
     effect = _InEffect(ledger)
     roles = {role: name for role, name in config.robot.roles().items() if role in {"arm", *uses}}
     values = configured_values(config, tool)
+    referred = reads_reference or "beams" in roles
     return replace(
         values,
         robot=robot_spec(config, supervisor),
@@ -76,7 +80,7 @@ def resolve_values(
         calibration=dict(
             _hand_eye(config, effect, *known) for role, known in CALIBRATIONS.items() if role in roles
         ),
-        laser_reference=effect.value(laser_reference(tool.name), None) if tool and "beams" in roles else None,
+        laser_reference=effect.value(laser_reference(tool.name), None) if tool and referred else None,
         belt=effect.value(belt_scale(roles["belt"]), values.belt) if "belt" in roles else None,
         time_offset_s={role: _offset(config, effect, roles[role]) for role in STAMPED_ROLES if role in roles},
         # Where the true flange is; a run goes by it when ``use_kinematics`` says so.

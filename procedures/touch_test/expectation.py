@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 
 from calibration.targets import make_target
+from cell.calibrations import laser_reference
 from cell.errors import CellError
 from procedures.hand_eye_in_use import HAND_EYE
 from procedures.setup import Setup
 from procedures.touch_test.config import TouchTestConfig
 from procedures.words import mm
 
-REFERENCE = "laser_reference"
 _USUAL = 4  # corners
 
 
@@ -40,13 +40,14 @@ def _cautions(setup: Setup) -> list[str]:
         rows = setup.calibrations()
     except CellError:
         rows = []
-    names = {str(row["name"]).split(".")[0] for row in rows if row["state"] == "committed"}
+    names = {str(row["name"]) for row in rows if row["state"] == "committed"}
     found = []
     if HAND_EYE not in names:
         found.append("no hand-eye of the camera is in effect: run cone-capture and accept its result")
-    if REFERENCE not in names:
+    tool = setup.values.tool.get("name")  # None where a start names one of several
+    if tool is not None and laser_reference(tool) not in names:
         found.append(
-            "no laser reference of the tool is in effect, so nothing checks the tool's point: run "
+            f"no laser reference of tool '{tool}' is in effect, so nothing checks the tool's point: run "
             "laser-reference with the good tool, and laser-check before each test"
         )
     return found

@@ -22,6 +22,7 @@ class TouchTest(Procedure):
     name: ClassVar[str] = "touch-test"
     number: ClassVar[int] = 14
     kind: ClassVar[str] = "touch-test"
+    reads_reference: ClassVar[bool] = True
     Config = TouchTestConfig
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS

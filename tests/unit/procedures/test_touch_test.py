@@ -2,22 +2,25 @@
 
 import json
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cell.calibrations import laser_reference
 from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
 from procedures.documents import read_result
+from procedures.hand_eye_in_use import HAND_EYE
 from procedures.touch_test.config import TouchTestConfig
 from procedures.touch_test.expectation import touch_expectation
 from procedures.touch_test.judging import solve_touch_test
 from procedures.touch_test.procedure import TouchTest
 from procedures.touch_test.words import touch_lines
-from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused
+from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused
 from tests.kit.slot_cell import give_hand_eye
 from tests.kit.touch_cell import HASTY, TOUCH, Toucher, touch_config
 
@@ -51,9 +54,11 @@ async def run_of(cell: ObjectCell, person: Toucher) -> dict[str, Any]:
 def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners(tmp_path: Path) -> None:
     async def act(cell: ObjectCell, person: Toucher) -> None:
         give_hand_eye(cell)
+        give_reference(cell)
         found = await run_of(cell, person)
-        assert found["verdict"] == "warn"
-        assert [w["code"] for w in found["warnings"]] == ["touch.tool-unchecked"]
+        assert (found["verdict"], found["warnings"]) == ("pass", [])
+        data = json.loads((cell.folder(1).path / "touch-test.json").read_text("utf-8"))
+        assert data["tool_reference"] == [0.001, 0.002, 0.18]
         assert found["result"]["shift_m"] < found["uncertainty"]["shift_95_m"] < 0.001
         assert found["result"]["chance"] > 0.01
         # Driven there before anybody jogged: at the stand-off over each corner.
@@ -68,6 +73,14 @@ def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners
         assert judged_of(folder.path, tmp_path, [0, 1, 2, 3]).startswith("corners-on-a-line: ")
 
     scene_of(tmp_path, act)
+
+
+def give_reference(cell: ObjectCell) -> None:
+    """A laser reference of the tool on the flange, as a run would have left it in effect."""
+    tool = cell.config.robot.tool.name
+    document = {"tool": {"id": tool, "p_ref": [0.001, 0.002, 0.18]}, "passes": []}
+    entry = on_disk(cell.ledger.propose, laser_reference(tool), document, {}, 0, None)
+    on_disk(cell.ledger.accept, entry, WHO)
 
 
 def judged_of(run: Path, folder: Path, corners: list[int]) -> str:
@@ -88,6 +101,7 @@ def test_a_bent_tool_is_found_with_its_shift(tmp_path: Path) -> None:
         found = await run_of(cell, person)
         assert found["verdict"] == "fail"
         assert found["reasons"][0].startswith("off: ")
+        assert [w["code"] for w in found["warnings"]] == ["touch.tool-unchecked"]
         off, of = found["result"], found["uncertainty"]
         assert off["shift_m"] == pytest.approx(float(np.linalg.norm(bend)), abs=of["shift_95_m"])
         # The tool points into the board, so z is z; x and y are turned with it.
@@ -175,6 +189,14 @@ def test_corners_that_the_guard_forbids_are_refused_before_the_first_of_them(tmp
             assert cell.at_rest()
 
     run_virtual(main())
+
+
+def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None:
+    setup = setup_of(touch_config(tmp_path))
+    for tool, cautions in ((setup.values.tool["name"], 0), ("other", 1)):
+        rows = [{"name": name, "state": "committed"} for name in (HAND_EYE, laser_reference(tool))]
+        known = replace(setup, calibrations=lambda rows=rows: rows)
+        assert len(touch_expectation(known, TouchTestConfig(**HASTY))["cautions"]) == cautions
 
 
 def test_what_is_missing_is_refused_before_anything_moves(tmp_path: Path) -> None:
