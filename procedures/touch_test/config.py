@@ -1,6 +1,8 @@
 """What an integrator can set for a touch test."""
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import Field, field_validator
 
 from cell.formats.reading import Strict
 
@@ -13,12 +15,12 @@ class TouchTestConfig(Strict):
         description="name of a [poses] entry from which the camera sees the whole board, about as far "
         "from it as the hand-eye's capture was"
     )
-    corners: list[int] | None = Field(
+    corners: list[Annotated[int, Field(ge=0)]] | None = Field(
         default=None,
         min_length=4,
         max_length=20,
-        description="numbers of the target's points, from 0, four or more; else its four outermost that the "
-        "look shows",
+        description="numbers of the target's points, from 0, four or more, each once; else its four "
+        "outermost that the look shows",
     )
     stand_off_m: float = Field(
         default=0.003,
@@ -30,6 +32,12 @@ class TouchTestConfig(Strict):
         default=0.05, gt=0.005, le=0.5, description="above the board, on the way from corner to corner"
     )
     speed_m_s: float = Field(default=0.02, gt=0, le=0.25, description="down to a corner and up again")
+    max_force_n: float = Field(
+        default=20.0,
+        gt=0,
+        le=500.0,
+        description="force that ends the way down to a corner; a person is asked then",
+    )
     stand_sigma_m: float = Field(
         default=2e-4,
         gt=0,
@@ -55,3 +63,10 @@ class TouchTestConfig(Strict):
     max_duration_s: float = Field(
         default=3600.0, gt=0, description="the run is ended when it takes longer, s"
     )
+
+    @field_validator("corners")
+    @classmethod
+    def _each_once(cls, corners: list[int] | None) -> list[int] | None:
+        if corners is not None and len(set(corners)) < len(corners):
+            raise ValueError("a point is named twice; name each once")
+        return corners

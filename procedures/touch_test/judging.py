@@ -11,6 +11,7 @@ from calibration.refusal import Refusal
 from calibration.slot.arm_errors import arm_errors
 from calibration.tool_frame.repeatability import stated_sigma
 from calibration.touch import CommonMotion, PointsOff, Standing, common_motion, over_points, points_off
+from cell.errors import error
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.solving import refused, within_limits
@@ -30,6 +31,8 @@ from procedures.words import deg, mm
 FEWEST = 3  # corners, not on a line
 SURE = 1.0 / 300.0  # as often a cell in which nothing is off is said to be off
 CORNER_PX = 0.2  # noise of a corner in a picture, where the look does not show more
+BY_HAND = "point over a corner"
+_SIGMAS = 3.0  # of the height, within which nothing may be met
 _LINE = 0.05  # of the corners' spread: one that is narrower is a line
 _RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
 _NOT_TOLD = (
@@ -49,20 +52,44 @@ def solve_touch_test(path: Path) -> TouchResult | Result:
     )
     if (why := _too_little(data)) is not None or data.look is None:
         return refused("touch-test", why or Refusal("not-looked", "the board was not seen"), [], inputs)
-    look = data.look
+    standing, off, sources = _off(data, data.look)
+    found = common_motion(standing.places, off.off)
+    cov = {name: found.by_points @ one @ found.by_points.T for name, one in sources.items()}
+    T_base_target = to_pose6(RigidTransform.from_matrix(standing.flange_look @ standing.X @ standing.C))
+    seconds = time.perf_counter() - began
+    return _result(data, off, found, cov, T_base_target, inputs.changed(solve_seconds=seconds))
+
+
+def require_clearance(data: TouchData) -> None:
+    """``ARGUMENT_INVALID`` where the tool's point may reach the board on its way down: ``stood`` is where it
+    is to stand, and its height there is not known to a third of the stand-off (one standard deviation)."""
+    if data.look is None:
+        raise error("BOARD_NOT_SEEN", "there is no look yet")
+    config, (_, _, sources) = data.config(), _off(data, data.look)
+    cov = np.asarray(sum(one for name, one in sources.items() if name != BY_HAND))
+    sigma = np.sqrt(np.diag(cov)[2::3])
+    k = int(np.argmax(sigma))
+    if _SIGMAS * sigma[k] > config.stand_off_m:
+        raise error(
+            "ARGUMENT_INVALID",
+            f"stand_off_m is {mm(config.stand_off_m, 1)}, and the height of the tool's point over point "
+            f"{data.stood[k].corner} of '{config.target}' is known to {mm(_SIGMAS * sigma[k], 1)} only "
+            "(three standard deviations): take a thicker gauge and a larger stand_off_m, or calibrate the "
+            "camera anew",
+        )
+
+
+def _off(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff, dict[str, Array]]:
+    """Where the tool's point stood, what it was off by there, and the covariances of that by cause."""
     poses = located(data.target, look)
     C = poses.C[0]
     F_look, X = from_pose6(look.T_base_flange).as_matrix(), from_pose6(data.T_flange_camera).as_matrix()
     flange = np.array([from_pose6(at.T_base_flange).as_matrix() for at in data.stood])
     places = over_points(data.points([at.corner for at in data.stood]), C, data.config().stand_off_m)
-    off = points_off(Standing(F_look, flange, X, C, np.array(data.tool), places))
-    found = common_motion(places, off.off)
+    standing = Standing(F_look, flange, X, C, np.array(data.tool), places)
+    off = points_off(standing)
     px = max(CORNER_PX, float(np.sqrt(poses.sse[0] / max(2 * poses.corners[0] - 6, 1))))
-    sources = _sources(data, look, off, px**2 * poses.cov[0])
-    cov = {name: found.by_points @ one @ found.by_points.T for name, one in sources.items()}
-    T_base_target = to_pose6(RigidTransform.from_matrix(F_look @ X @ C))
-    seconds = time.perf_counter() - began
-    return _result(data, off, found, cov, T_base_target, inputs.changed(solve_seconds=seconds))
+    return standing, off, _sources(data, look, off, px**2 * poses.cov[0])
 
 
 def _too_little(data: TouchData) -> Refusal | None:
@@ -91,7 +118,7 @@ def _sources(data: TouchData, look: LookTaken, off: PointsOff, seen: Array) -> d
         "arm repeatability": at_look @ still @ at_look.T + repeat * np.eye(3 * k),
         "tool": config.tool_sigma_m**2 * tool @ tool.T,
         "look": camera @ seen @ camera.T,
-        "point over a corner": config.stand_sigma_m**2 * np.eye(3 * k),
+        BY_HAND: config.stand_sigma_m**2 * np.eye(3 * k),
     }
 
 

@@ -22,6 +22,7 @@ from procedures.arm_setup import arm_robot, lease_settings
 from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, require_hand_eye
 from procedures.touch_test.config import TouchTestConfig
 from procedures.touch_test.data import DATA_FILE, CameraSeen, LookTaken, PointStood, TouchData
+from procedures.touch_test.judging import require_clearance
 from procedures.touch_test.plan import CornerPlan, TouchPlan, plan_touch
 from procedures.touch_test.states import State as S
 from procedures.touch_test.words import corner_text
@@ -29,6 +30,7 @@ from procedures.words import mm
 
 FEWEST_SEEN = 4  # points in all pictures of the look
 STANDSTILL_TIMEOUT_S = 2.0
+UNMOVED_M = 1e-4
 STILL_S = 0.3  # over which the arm's place is averaged
 
 
@@ -84,7 +86,11 @@ class TouchRun:
 
     async def _plan(self, look: LookTaken) -> TouchPlan:
         q_now = [float(v) for v in (await self.run.arm_state()).q]
-        return await self.run.worker.call(plan_touch, self.run.values, self.data.job, look, q_now)
+        worker = self.run.worker
+        plan = await worker.call(plan_touch, self.run.values, self.data.job, look, q_now)
+        there = [PointStood(corner=c.corner, q=c.q_above, T_base_flange=c.T_over) for c in plan.corners]
+        await worker.call(require_clearance, self.data.model_copy(update={"look": look, "stood": there}))
+        return plan
 
     # -- the look
 
@@ -124,50 +130,66 @@ class TouchRun:
         run = self.run
         where = f"corner {k + 1} of {len(plan.corners)}"
         await run.enter(S.APPROACH, where)
-        await run.take_step(f"approach {where}", lambda: self._approach(k, corner), measures=False)
+        forced = await run.take_step(f"approach {where}", lambda: self._approach(k, corner), measures=False)
         ends = False
         try:
-            stood = await self._stand(where, corner)
+            stood = await self._stand(where, corner, forced)
         except FinishRequested:
             stood, ends = None, True
+        if ends and self._not_ready():
+            run.note("decision", event="not lifted", corner=corner.corner, why="the arm is in local mode")
+            raise FinishRequested
         if stood is not None:
             await self._keep(stood=[*self.data.stood, stood])
             run.note("decision", event="corner taken", corner=corner.corner, q=stood.q)
         elif not ends:
             await self._keep(skipped=[*self.data.skipped, corner.corner])
         await run.enter(S.LIFT, where)
+        await run.released()  # no checkpoint: a finish shall lift the arm
         above = from_pose6([*plan.away, 0.0, 0.0, 0.0]) * (await run.arm_state()).T_base_flange
         await run.take_step(f"lift from {where}", lambda: self._lift(above), measures=False)
         if ends:
             raise FinishRequested
 
-    async def _approach(self, k: int, corner: CornerPlan) -> None:
-        """Above the corner, and down to the stand-off; the arm is nobody's when that is over."""
+    async def _approach(self, k: int, corner: CornerPlan) -> bool:
+        """Above the corner, and down to the stand-off, or until a force ends that: then True. The arm is
+        nobody's when that is over."""
+        config = self.config
         async with self.run.motion() as lease:
             if k:
                 await lease.move_linear(from_pose6(corner.T_above))
             else:
                 await lease.move_joints(np.array(corner.q_above))
-            await lease.move_linear(from_pose6(corner.T_over), self._slow)
+            return await lease.guarded_move(
+                from_pose6(corner.T_over), config.max_force_n, config.clear_m, self._slow
+            )
 
     async def _lift(self, above: RigidTransform) -> None:
         async with self.run.motion() as lease:
             await lease.move_linear(above, self._slow)
 
-    async def _stand(self, where: str, corner: CornerPlan) -> PointStood | None:
+    async def _stand(self, where: str, corner: CornerPlan, forced: bool) -> PointStood | None:
         """Where the arm rests once a person has confirmed that the point is where it belongs; None where that
-        corner is to be left out."""
-        run, why = self.run, ""
+        corner is to be left out. ``forced``: a force ended the way there."""
+        run, why, met = self.run, "", None
         wanted = (from_pose6(corner.T_over) * self._tool).translation
+        if forced:
+            met = ((await run.arm_state()).T_base_flange * self._tool).translation
+            why = (
+                f"The tool met something, {self.config.max_force_n:g} N or more, "
+                f"{mm(float(np.linalg.norm(met - wanted)), 1)} before it was there, and was stopped. "
+            )
+            run.note("decision", event="met something", corner=corner.corner, why=why.strip())
         while True:
             await run.enter(S.TOUCH, why or where)
             text = corner_text(where, self.config.target, corner.corner, self.config.stand_off_m)
-            if not await run.ask(f"{why}{text}", skippable=True):
-                return None
+            wants = await run.ask(f"{why}{text}", skippable=True)
             why = self._not_ready()
             if not why:
+                if not wants:
+                    return None
                 stood = await run.take_step(f"read the arm at {where}", partial(self._rest, corner.corner))
-                why = self._misses(stood, wanted)
+                why = self._misses(stood, wanted, met)
                 if stood is not None and not why:
                     return stood
             run.note("decision", event="asked again", corner=corner.corner, why=why.strip())
@@ -179,11 +201,15 @@ class TouchRun:
             return "The arm is still in local mode: give it back to remote control. "
         return ""
 
-    def _misses(self, stood: PointStood | None, wanted: Array) -> str:
-        """Why that is not taken, in words; empty when it is. ``wanted`` (3,) m in the base."""
+    def _misses(self, stood: PointStood | None, wanted: Array, met: Array | None) -> str:
+        """Why that is not taken, in words; empty when it is. ``wanted``, and ``met`` where a force ended the
+        way there, (3,) m in the base."""
         if stood is None:
             return "The arm still moved, so that was not taken. "
-        away = float(np.linalg.norm((from_pose6(stood.T_base_flange) * self._tool).translation - wanted))
+        point = (from_pose6(stood.T_base_flange) * self._tool).translation
+        if met is not None and np.linalg.norm(point - met) < UNMOVED_M:
+            return "The tool still stands where it met something. "
+        away = float(np.linalg.norm(point - wanted))
         if away <= self.config.max_jog_m:
             return ""
         return f"The tool's point is {mm(away, 1)} from where the camera has this corner. "

@@ -1,4 +1,7 @@
-"""The states of the job. APPROACH is between two corners, the arm at rest: pause and finish hold there."""
+"""The states of the job. APPROACH is between two corners, the arm at rest: pause and finish hold there.
+
+A pause holds before the arm is lifted, too; a finish lifts it, unless a person has it in local mode.
+"""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -25,7 +28,7 @@ TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     S.LOOK: frozenset({S.PLAN}),
     S.PLAN: frozenset({S.APPROACH}),
     S.APPROACH: frozenset({S.TOUCH, S.SOLVE}),
-    S.TOUCH: frozenset({S.TOUCH, S.LIFT}),
+    S.TOUCH: frozenset({S.TOUCH, S.LIFT, S.SOLVE}),
     S.LIFT: frozenset({S.APPROACH, S.SOLVE}),
     S.SOLVE: frozenset(),
 }

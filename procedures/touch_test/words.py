@@ -7,9 +7,10 @@ from procedures.words import deg, mm, table
 def corner_text(where: str, target: str, corner: int, stand_off_m: float) -> str:
     """What a person is asked to do at a corner."""
     return (
-        f"The tool's point is where the camera has {where} of '{target}' (point {corner}), "
-        f"{mm(stand_off_m, 1)} above it. Jog the arm until it truly stands over that corner with the gauge "
-        f"of {mm(stand_off_m, 1)} between, and confirm; confirm at once where it does. Or skip this corner."
+        f"At {where} of '{target}' (point {corner}) jog the arm until the tool's point truly stands over "
+        f"that corner with the gauge of {mm(stand_off_m, 1)} between; leave it where it does. Then take hand "
+        "and gauge away, leave the arm's reach, and confirm, or skip this corner: the arm "
+        "moves then, and on a finish."
     )
 
 

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from cell.calibrations import laser_reference
 from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
+from fakes.world.scenario import Obstacle
 from procedures.documents import read_result
 from procedures.hand_eye_in_use import HAND_EYE
 from procedures.touch_test.config import TouchTestConfig
@@ -21,7 +23,7 @@ from procedures.touch_test.judging import solve_touch_test
 from procedures.touch_test.procedure import TouchTest
 from procedures.touch_test.words import touch_lines
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused
-from tests.kit.slot_cell import give_hand_eye
+from tests.kit.slot_cell import HAND_EYE_COV, give_hand_eye
 from tests.kit.touch_cell import HASTY, TOUCH, Toucher, touch_config
 
 __all__ = ["no_report"]
@@ -129,9 +131,13 @@ def test_a_point_far_from_its_corner_is_asked_for_again_and_a_corner_may_be_left
         await person.stand((0.03, 0.0, -0.01))
         await person.stand()
         assert "mm from where the camera has this corner" in person.asked[1]
-        await confirmed_in_local_mode(cell, person)
+        assert (
+            "leave the arm's reach, and confirm, or skip this corner: the arm moves then" in person.asked[0]
+        )
+        for answer in (cell.engine.confirm, cell.engine.skip):
+            await answered_in_local_mode(cell, person, answer)
         await person.skip()
-        assert person.asked[-1].startswith("The arm is still in local mode")
+        assert all(text.startswith("The arm is still in local mode") for text in person.asked[-2:])
         assert "corner 2 of 4" in person.asked[-1]
         for _ in range(2):
             await person.stand()
@@ -139,11 +145,13 @@ def test_a_point_far_from_its_corner_is_asked_for_again_and_a_corner_may_be_left
         found = cell.result(number)
         assert (found["inputs"]["corners"], found["inputs"]["skipped"]) == (3, [8])
 
-    async def confirmed_in_local_mode(cell: ObjectCell, person: Toucher) -> None:
+    async def answered_in_local_mode(
+        cell: ObjectCell, person: Toucher, answer: Callable[[int, str], Awaitable[None]]
+    ) -> None:
         prompt = await person.prompt()
         cell.plant.controller.remote = False
         await cell.clock.sleep(0.1)
-        await cell.engine.confirm(prompt, WHO)
+        await answer(prompt, WHO)
         await cell.clock.sleep(0.1)
         cell.plant.controller.remote = True
 
@@ -154,7 +162,12 @@ def test_a_finish_at_a_corner_lifts_the_tool_and_says_that_it_was_too_early(tmp_
     async def act(cell: ObjectCell, person: Toucher) -> None:
         give_hand_eye(cell)
         number = await cell.start()
+        await person.prompt()
+        await cell.engine.pause(WHO)
         await person.stand()
+        await cell.clock.sleep(5.0)
+        assert person.height() == pytest.approx(0.003, abs=0.0005), "the pause holds the lift"
+        await cell.engine.resume(WHO)
         await person.prompt()
         await cell.engine.finish(WHO)
         await cell.until(lambda: not cell.engine.active, "the end")
@@ -165,6 +178,59 @@ def test_a_finish_at_a_corner_lifts_the_tool_and_says_that_it_was_too_early(tmp_
         assert found["reasons"][0].startswith("too-few-corners: ")
 
     scene_of(tmp_path, act)
+
+
+def test_a_tool_that_meets_the_board_is_stopped_and_not_lifted_by_a_finish_in_local_mode(
+    tmp_path: Path,
+) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        world, board = cell.plant.world, person.board()
+        world.tool.bend(cell.clock.now(), np.array([0.0, 0.0, 0.01]))
+        up = -board.rotation.apply([0.0, 0.0, 1.0])
+        wall = Obstacle(point=board.translation.tolist(), normal=up.tolist(), stiffness_n_m=20e3)
+        world.config = world.config.model_copy(update={"obstacle": [wall]})
+        number = await cell.start()
+        prompt = await person.prompt()
+        assert person.asked[0].startswith("The tool met something, 20 N or more, ")
+        assert -0.002 < person.height() < 0.0, "20 N at 20 N/mm, and not 7 mm deep"
+        await cell.engine.confirm(prompt, WHO)
+        await person.over(prompt)
+        await person.prompt()
+        assert person.asked[1].startswith("The tool still stands where it met something. At corner 1 of 4")
+        cell.plant.controller.remote = False
+        await cell.clock.sleep(0.1)
+        await cell.engine.finish(WHO)
+        await cell.until(lambda: not cell.engine.active, "the end")
+        assert cell.end(number)["outcome"] == "complete", cell.end(number)
+        assert person.height() < 0.0, "a person has the arm"
+        assert cell.result(number)["reasons"][0].startswith("too-few-corners: ")
+
+    scene_of(tmp_path, act)
+
+
+def test_a_height_that_is_not_known_to_the_stand_off_is_refused(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell, cov=900.0 * HAND_EYE_COV)
+        refusal = await refused(cell.dry_run())
+        assert refusal.name == "ARGUMENT_INVALID"
+        assert "take a thicker gauge and a larger stand_off_m" in str(refusal)
+
+    scene_of(tmp_path, act)
+
+
+def test_corners_are_numbers_of_points_each_named_once() -> None:
+    for wrong in ([-1, 0, 1, 8], [0, 1, 8, 8]):
+        with pytest.raises(ValidationError, match="corners"):
+            TouchTestConfig(**HASTY, corners=wrong)
+
+
+def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None:
+    setup = setup_of(touch_config(tmp_path))
+    for tool, cautions in ((setup.values.tool["name"], 0), ("other", 1)):
+        rows = [{"name": name, "state": "committed"} for name in (HAND_EYE, laser_reference(tool))]
+        known = replace(setup, calibrations=lambda rows=rows: rows)
+        assert len(touch_expectation(known, TouchTestConfig(**HASTY))["cautions"]) == cautions
 
 
 def test_a_dry_run_lists_the_corners_as_they_are_seen_and_moves_nothing(tmp_path: Path) -> None:
@@ -189,14 +255,6 @@ def test_corners_that_the_guard_forbids_are_refused_before_the_first_of_them(tmp
             assert cell.at_rest()
 
     run_virtual(main())
-
-
-def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None:
-    setup = setup_of(touch_config(tmp_path))
-    for tool, cautions in ((setup.values.tool["name"], 0), ("other", 1)):
-        rows = [{"name": name, "state": "committed"} for name in (HAND_EYE, laser_reference(tool))]
-        known = replace(setup, calibrations=lambda rows=rows: rows)
-        assert len(touch_expectation(known, TouchTestConfig(**HASTY))["cautions"]) == cautions
 
 
 def test_what_is_missing_is_refused_before_anything_moves(tmp_path: Path) -> None:
