@@ -44,7 +44,8 @@ class LineStreamConfig(TrackerConfig):
     pattern: str | None = Field(
         default=None,
         description="Regular expression that a whole line matches, with groups named x, y, z or hz, v, range,"
-        " and perhaps valid, temperature_c, pressure_pa or pressure, serial",
+        ' and perhaps valid, temperature_c, pressure_pa or pressure, serial; with driver = "line-points"'
+        " sigma or u95, too",
     )
     columns: dict[str, int] | None = Field(
         default=None, description="The same names with the number of their column, counted from 1"
