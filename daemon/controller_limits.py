@@ -32,14 +32,25 @@ def limits_in_use(config: CellConfig, told: Mapping[str, Any]) -> dict[str, Any]
     return limits if own is None else {"joint_ranges_rad": own, **limits}
 
 
-def require_within(limits: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-    """``LIMITS_BEYOND_CONTROLLER`` where ``limits`` allow a joint more than the controller ``told``."""
-    found = [*_too_fast(limits["joint_speed_rad_s"], told), *_too_far(limits.get("joint_ranges_rad"), told)]
+def require_within(
+    limits: Mapping[str, Any], told: Mapping[str, Any], speeds_from: str = "limits"
+) -> dict[str, Any]:
+    """``limits`` with joint ranges that end where the controller's do, where they were rounded beyond.
+
+    ``LIMITS_BEYOND_CONTROLLER`` where they allow a joint more than the controller ``told``; ``speeds_from``
+    is the section of the file that the joint speeds stand in.
+    """
+    ranges = limits.get("joint_ranges_rad")
+    found = [*_too_fast(limits["joint_speed_rad_s"], told, speeds_from), *_too_far(ranges, told)]
     if found:
         raise error("LIMITS_BEYOND_CONTROLLER", "; ".join(found))
+    if ranges is None or (own := told.get("joint_ranges_rad")) is None:
+        return dict(limits)
+    within = _common(np.array(ranges, dtype=float), np.array(own, dtype=float))
+    return {**limits, "joint_ranges_rad": within.tolist()}
 
 
-def _too_fast(wanted: float | Sequence[float], told: Mapping[str, Any]) -> list[str]:
+def _too_fast(wanted: float | Sequence[float], told: Mapping[str, Any], section: str) -> list[str]:
     if (own := told.get("joint_speeds_rad_s")) is None:
         return []
     speeds, own = per_joint(wanted), np.array(own)
@@ -48,22 +59,25 @@ def _too_fast(wanted: float | Sequence[float], told: Mapping[str, Any]) -> list[
         for k in np.flatnonzero(speeds > own + _ROUNDED)
     ]
     fitting = [float(f"{v:.3f}") for v in np.minimum(speeds, _down(own))]
-    fix = f"write limits.joint_speed_rad_s = {fitting}, {_OR}"
-    return [f"limits.joint_speed_rad_s allows {', '.join(beyond)}: {fix}"] if beyond else []
+    fix = f"write {section}.joint_speed_rad_s = {fitting}, {_OR}"
+    return [f"{section}.joint_speed_rad_s allows {', '.join(beyond)}: {fix}"] if beyond else []
 
 
 def _too_far(wanted: Sequence[Sequence[float]] | None, told: Mapping[str, Any]) -> list[str]:
     if wanted is None or (own := told.get("joint_ranges_rad")) is None:
         return []
     ranges, own = np.array(wanted, dtype=float), np.array(own, dtype=float)
+    far = (ranges[:, 0] < own[:, 0] - _ROUNDED) | (ranges[:, 1] > own[:, 1] + _ROUNDED)
+    inside = _common(ranges, np.column_stack([-_down(-own[:, 0]), _down(own[:, 1])]))
+    apart = inside[:, 0] >= inside[:, 1]
     beyond = [
         f"joint '{JOINTS[k]}' {_from_to(ranges[k])} where the controller allows {_from_to(own[k])}"
-        for k in np.flatnonzero((ranges[:, 0] < own[:, 0] - _ROUNDED) | (ranges[:, 1] > own[:, 1] + _ROUNDED))
+        for k in np.flatnonzero(far | apart)
     ]
-    low, high = np.maximum(ranges[:, 0], -_down(-own[:, 0])), np.minimum(ranges[:, 1], _down(own[:, 1]))
-    fitting = [[float(f"{a:.3f}"), float(f"{b:.3f}")] for a, b in zip(low, high, strict=True)]
-    fix = f"write limits.joint_ranges_rad = {fitting}, {_OR}"
-    return [f"limits.joint_ranges_rad allows {', '.join(beyond)}: {fix}"] if beyond else []
+    fix = f"write limits.joint_ranges_rad = {inside.tolist()}"
+    if nowhere := ", ".join(f"'{JOINTS[k]}'" for k in np.flatnonzero(apart)):
+        fix = f"joint {nowhere} cannot go there; choose another range"
+    return [f"limits.joint_ranges_rad allows {', '.join(beyond)}: {fix}, {_OR}"] if beyond else []
 
 
 def narrower_than_planned(config: CellConfig, told: Mapping[str, Any]) -> list[str]:
@@ -84,6 +98,11 @@ def narrower_than_planned(config: CellConfig, told: Mapping[str, Any]) -> list[s
         "limits.joint_ranges_rad, and predictions of 'cellward check' keep to it, too"
     )
     return [words] if joints else []
+
+
+def _common(ranges: Array, own: Array) -> Array:
+    """(6, 2): where both allow a joint to be."""
+    return np.column_stack([np.maximum(ranges[:, 0], own[:, 0]), np.minimum(ranges[:, 1], own[:, 1])])
 
 
 def _down(limit: Array) -> Array:

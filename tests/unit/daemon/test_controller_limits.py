@@ -3,6 +3,7 @@
 import json
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,8 +12,9 @@ from cell.errors import CellError
 from daemon.cli.probe import judge_limits
 from daemon.config import CellConfig
 from daemon.controller_limits import limits_in_use, require_within
-from daemon.values import resolve_values
+from daemon.values import configured_values, resolve_values, with_limits
 from fakes.object import run_virtual
+from procedures.belt.config import JobLimits
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
 
 BOX = [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}]
@@ -63,6 +65,44 @@ def test_what_is_written_as_the_fix_passes() -> None:
     speeds = refusal({"joint_speed_rad_s": 3.0}).split("= ")[1].split(", or")[0]
     ranges = refusal({"joint_ranges_rad": HALF}).split("= ")[1].split(", or")[0]
     require_within({"joint_speed_rad_s": json.loads(speeds), "joint_ranges_rad": json.loads(ranges)}, TOLD)
+
+
+def test_a_range_that_has_nothing_in_common_with_the_controllers_is_told_so() -> None:
+    assert refusal({"joint_ranges_rad": [[2.0, 3.0], [-7.0, 3.0], *[[-3.0, 3.0]] * 4]}) == (
+        "limits.joint_ranges_rad allows joint 'base' from 2.000 to 3.000 rad where the controller allows "
+        "from -1.571 to 1.571 rad, joint 'shoulder' from -7.000 to 3.000 rad where the controller allows "
+        "from -6.336 to 6.336 rad: joint 'base' cannot go there; choose another range, or raise what the "
+        "robot's own safety configuration allows"
+    )
+
+
+def test_a_range_just_outside_the_controllers_is_no_rounded_one() -> None:
+    ranges = [[1.5709, 1.5712], *[[-3.0, 3.0]] * 5]
+    assert "joint 'base' cannot go there" in refusal({"joint_ranges_rad": ranges})
+
+
+def of_job(tmp_path: Path, job_limits: Any, told: dict[str, Any], **limits: Any) -> Any:
+    """The limits of a job that moves an arm whose controller ``told`` this."""
+    config = write_config(tmp_path, limits={"workspace": BOX, "allow_job_override": True, **limits})
+    procedure: Any = SimpleNamespace(
+        name="belt-tracking", config=SimpleNamespace(limits=job_limits), uses=lambda: ("arm",)
+    )
+    arm = SimpleNamespace(identity=SimpleNamespace(extra=told))
+    supervisor: Any = SimpleNamespace(devices={"arm": arm})
+    return with_limits(configured_values(config), procedure, config, supervisor).limits
+
+
+def test_joint_speeds_of_a_job_are_corrected_in_its_own_section(tmp_path: Path) -> None:
+    with pytest.raises(CellError) as caught:
+        of_job(tmp_path, JobLimits(joint_speed_rad_s=2.5), TOLD)
+    assert caught.value.detail.startswith("job.belt-tracking.limits.joint_speed_rad_s allows joint 'base'")
+    assert "write job.belt-tracking.limits.joint_speed_rad_s = [2.294, " in caught.value.detail
+
+
+def test_a_run_plans_no_farther_than_the_controller_allows(tmp_path: Path) -> None:
+    """Though a quarter of a turn may be written as 1.571."""
+    subject = of_job(tmp_path, None, TOLD, joint_ranges_rad=[[-1.571, 1.0], *[[-6.0, 6.0]] * 5])
+    assert subject["joint_ranges_rad"] == [[-1.5708, 1.0], *[[-6.0, 6.0]] * 5]
 
 
 def test_an_arm_that_tells_nothing_is_judged_by_nothing() -> None:
