@@ -26,10 +26,13 @@ def told_by(config: CellConfig, supervisor: Supervisor) -> Mapping[str, Any]:
 
 
 def limits_in_use(config: CellConfig, told: Mapping[str, Any]) -> dict[str, Any]:
-    """``[limits]``, with the joint ranges that the controller ``told`` where none are configured."""
+    """``[limits]``, with the joint ranges that the controller ``told`` where none are configured.
+
+    Not where they leave the arm all that it can: a run from before they were read can then be taken up.
+    """
     limits = config.limits.model_dump(mode="json")
     own = told.get("joint_ranges_rad")
-    return limits if own is None else {"joint_ranges_rad": own, **limits}
+    return limits if own is None or not _less(config, own).any() else {"joint_ranges_rad": own, **limits}
 
 
 def require_within(
@@ -86,18 +89,24 @@ def narrower_than_planned(config: CellConfig, told: Mapping[str, Any]) -> list[s
     own = told.get("joint_ranges_rad")
     if own is None or config.limits.joint_ranges_rad is not None:
         return []
-    from calibration.kinematics import (
-        robot_from_spec,
-    )  # SciPy, which a probe without an arm need not wait for
-
-    model, own = robot_from_spec(config.robot.robot_spec()).joint_limits, np.array(own, dtype=float)
-    less = (own[:, 0] > model[:, 0] + _ROUNDED) | (own[:, 1] < model[:, 1] - _ROUNDED)
-    joints = ", ".join(f"joint '{JOINTS[k]}' {_from_to(own[k])}" for k in np.flatnonzero(less))
+    less = np.flatnonzero(_less(config, own, _ROUNDED))
+    joints = ", ".join(f"joint '{JOINTS[k]}' {_from_to(own[k])}" for k in less)
     words = (
         f"the controller allows {joints}, which is less than the arm can: jobs keep to it; write it as "
         "limits.joint_ranges_rad, and predictions of 'cellward check' keep to it, too"
     )
     return [words] if joints else []
+
+
+def _less(config: CellConfig, own: Sequence[Sequence[float]], margin_rad: float = 0.0) -> Array:
+    """(6,): which joints the controller turns less far than the arm's model does, by more than a margin."""
+    # With SciPy, for which a probe without an arm need not wait.
+    from calibration.kinematics import robot_from_spec
+
+    low, high = np.array(own, dtype=float).T
+    model = robot_from_spec(config.robot.robot_spec()).joint_limits
+    less: Array = (low > model[:, 0] + margin_rad) | (high < model[:, 1] - margin_rad)
+    return less
 
 
 def _common(ranges: Array, own: Array) -> Array:
@@ -110,5 +119,5 @@ def _down(limit: Array) -> Array:
     return np.floor(limit * 1e3) / 1e3
 
 
-def _from_to(ends: Array) -> str:
+def _from_to(ends: Sequence[float] | Array) -> str:
     return f"from {ends[0]:.3f} to {ends[1]:.3f} rad"

@@ -138,10 +138,19 @@ def test_a_start_is_refused_in_one_sentence(tmp_path: Path) -> None:
     assert "joint 'base' 0.8 rad/s where the controller allows 0.500 rad/s" in found.detail
 
 
-def test_limits_without_ranges_are_as_they_were_where_the_arm_tells_none(tmp_path: Path) -> None:
+@pytest.mark.parametrize("told", [{}, {"joint_ranges_rad": [TURN] * 6}])
+def test_limits_are_as_they_were_where_the_controller_narrows_nothing(
+    told: dict[str, Any], tmp_path: Path
+) -> None:
     """What ``run.json`` keeps of them, so that a run from before there were ranges can be taken up."""
-    subject = limits_in_use(write_config(tmp_path, limits={"workspace": BOX}), {"joint_ranges_rad": None})
+    subject = limits_in_use(write_config(tmp_path, limits={"workspace": BOX}), told)
     assert "joint_ranges_rad" not in subject
+
+
+def test_a_controller_that_narrows_a_joint_by_less_than_a_thousandth_is_kept_to(tmp_path: Path) -> None:
+    own = [[-6.2831, 6.2831], *[TURN] * 5]
+    config = write_config(tmp_path, limits={"workspace": BOX})
+    assert limits_in_use(config, {"joint_ranges_rad": own})["joint_ranges_rad"] == own
 
 
 def test_without_ranges_of_its_own_a_run_keeps_to_those_of_the_controller(tmp_path: Path) -> None:
