@@ -24,13 +24,9 @@ from fakes.wire.listening import TcpPlace
 from fakes.world.scenario import Scenario
 from fakes.world.tracker.tracker import Tracker
 from fakes.world.world import World
-from tests.kit.ideal_world import ideal_text
+from tests.kit.ideal_world import prompt_station
 
 SCENARIO = "tracker:ideal"  # a UR10e with two reflectors, and four monuments, before a tracker
-# The same cell with an instrument that turns and searches sooner: nothing here is about how long that takes.
-PROMPT = ideal_text("tracker").replace(
-    "[world.tracker]\n", "[world.tracker]\nsearch_s = 0.05\nturn_rad_s = 20.0\n"
-)
 HOST = "127.0.41.4"
 DRIVER: dict[str, Any] = {
     "sigma0_m": 15e-6,
@@ -70,7 +66,7 @@ def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[TrackerRi
     @asynccontextmanager
     async def rig(_: None) -> AsyncIterator[TrackerRig]:
         clock = MonotonicClock()
-        tracker = World.from_scenario(Scenario.parse(PROMPT), clock.now()).tracker
+        tracker = World.from_scenario(Scenario.parse(prompt_station()), clock.now()).tracker
         assert tracker is not None
         with TemporaryDirectory(prefix="tracker-") as folder:
             line = Path(folder) / "tracker.tty"

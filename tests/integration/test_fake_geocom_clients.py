@@ -22,6 +22,7 @@ from fakes.wire.listening import TcpPlace
 from fakes.world.scenario import Scenario
 from fakes.world.tracker.tracker import Tracker, polar
 from fakes.world.world import World
+from tests.kit.ideal_world import prompt_station
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.42.2"
@@ -32,7 +33,7 @@ def serve(tmp_path: Path, visit: Visit, wire: str = "tcp", checksum: bool = Fals
     """Run the blocking ``visit`` in a thread while a station serves."""
 
     async def scene() -> None:
-        world = World.from_scenario(Scenario.load("tracker:ideal"), time.monotonic())
+        world = World.from_scenario(Scenario.parse(prompt_station()), time.monotonic())
         assert world.tracker is not None
         tracker = world.tracker
         line = tmp_path / "tracker.tty"

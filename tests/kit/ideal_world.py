@@ -20,3 +20,10 @@ def ideal_text(name: str) -> str:
         if within and (line.startswith("[") or line.split("=")[0].strip() not in IDEAL.get(table, ())):
             kept.append(line)
     return "\n".join(kept) + "\n"
+
+
+def prompt_station() -> str:
+    """The tracker's cell in an ideal world, with an instrument that turns and searches sooner."""
+    return ideal_text("tracker").replace(
+        "[world.tracker]\n", "[world.tracker]\nsearch_s = 0.05\nturn_rad_s = 20.0\n"
+    )
