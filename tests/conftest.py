@@ -138,16 +138,18 @@ def _children(me: psutil.Process) -> set[str]:
     found = set()
     for child in me.children(recursive=True):
         try:
-            if child.status() != psutil.STATUS_ZOMBIE and not _is_tracker(child):
+            if child.status() != psutil.STATUS_ZOMBIE and not _is_lasting(child):
                 found.add(f"{child.pid} {' '.join(child.cmdline())[:80]}")
         except psutil.NoSuchProcess:
             continue
     return found
 
 
-def _is_tracker(child: psutil.Process) -> bool:
-    """multiprocessing keeps one tracker process for the life of the interpreter."""
-    return "resource_tracker" in " ".join(child.cmdline())
+def _is_lasting(child: psutil.Process) -> bool:
+    """multiprocessing keeps two processes for the life of the interpreter: one tracks, one is copied. Its
+    copies have the same command line."""
+    words = " ".join(child.cmdline())
+    return "resource_tracker" in words or ("forkserver" in words and child.ppid() == os.getpid())
 
 
 def _sockets() -> set[str]:

@@ -65,7 +65,8 @@ def running_controller(
 
     ``settings`` replace fields of its identity (``model``, ``serial``, ``version``).
     """
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])  # SciPy is imported once, not by each controller
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, bind, scenario, settings), daemon=True)
     process.start()
