@@ -35,5 +35,10 @@ _plan_for_view = remembered(plan_placement, alike=_less_noise)
 @pytest.fixture
 def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is solved, and which poses are best, does not matter; what becomes of the run does."""
-    monkeypatch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path, **_: ANSWER)
-    monkeypatch.setitem(PLANNERS, plan_placement, _plan_for_view)
+    solve_quickly(monkeypatch)
+
+
+def solve_quickly(patch: pytest.MonkeyPatch) -> None:
+    """See :func:`quick_solver`."""
+    patch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path, **_: ANSWER)
+    patch.setitem(PLANNERS, plan_placement, _plan_for_view)

@@ -14,6 +14,7 @@ from cell.motion import MotionLease
 from fakes.object import VirtualClock, run_virtual
 from procedures.hand_eye.cone_capture import ConeCapture
 from procedures.hand_eye.states import State
+from tests.kit.hand_eye_made import solve_quickly
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -52,6 +53,7 @@ def all_taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[set[Edge]]:
     async def drawn(run: Any) -> None: ...
 
     patch.setattr("daemon.results._write_report", drawn)
+    solve_quickly(patch)
     edges: set[Edge] = set()
     for number, walk in enumerate(WALKS):
         edges |= run_virtual(walk(tmp_path_factory.mktemp(f"walk{number}")))
