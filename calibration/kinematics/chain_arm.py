@@ -69,7 +69,7 @@ class ChainArm(ABC):
                 "DATA_INVALID",
                 f"joint '{JOINTS[k]}' from {ranges[k, 0]:g} to {ranges[k, 1]:g} rad has nothing in common "
                 f"with the range of a {self._name}, {self._limits[k, 0]:.4g} to {self._limits[k, 1]:.4g} "
-                "rad; correct limits.joint_ranges_rad",
+                "rad; correct limits.joint_ranges_rad or, without it, what the controller allows",
             )
         arm = copy(self)
         arm._limits = np.column_stack([low, high])  # noqa: SLF001 -- of its own class
