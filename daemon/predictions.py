@@ -25,7 +25,7 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
 
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix. Each of
     ``limits`` has a figure (``name``, ``value``, SI) and the ``limit`` that ``job`` will hold it against.
-    A ``recipe`` with arguments has an entry where another figure or text comes out than for its job.
+    A ``recipe`` has an entry where something else is told of it than of its job.
     """
     found = []
     for job, section in _sections(config).items():
@@ -43,7 +43,7 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
 
 def _told_by(prediction: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether the ``other`` one, which may have limits of more jobs, says all of it."""
-    same = prediction["text"] == other["text"]
+    same = all(prediction.get(key) == other.get(key) for key in ("job", "text", "problems", "cautions"))
     return same and all(limit in other.get("limits", ()) for limit in prediction.get("limits", ()))
 
 

@@ -32,6 +32,11 @@ class LinePointConfig(LineStreamConfig):
     def _asks(self) -> Self:
         if self.request is None:
             raise ValueError("request is needed: what makes the program measure a point and answer with it")
+        if not self.url.startswith("tcp://"):
+            raise ValueError(
+                f"url is '{self.url}': give a tcp:// one, for only its connections tell a late answer from "
+                "that of the next pose"
+            )
         if needless := [key for key in _OF_STREAMS if key in self.model_fields_set]:
             raise ValueError(
                 f'{needless[0]} is of readings that keep coming, driver = "line-stream"; remove it'

@@ -164,11 +164,13 @@ def test_a_point_needs_the_reflector_that_it_was_measured_with() -> None:
         ({"request": None}, "request is needed"),
         ({"min_readings": 5}, "min_readings is of readings that keep coming"),
         ({"columns": {"x": 1, "y": 2, "z": 3, "u95": 4, "sigma": 5}, "valid_values": []}, "not both"),
+        ({"url": "serial:///dev/ttyUSB1?baudrate=9600"}, "give a tcp:// one"),
+        ({"url": "udp://127.0.0.1:5000"}, "give a tcp:// one"),
     ],
 )
 def test_keys_that_do_not_fit_are_refused(keys: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
-        LinePointConfig(url="tcp://127.0.0.1:5000", **KEYS | keys)
+        LinePointConfig(**{"url": "tcp://127.0.0.1:5000"} | KEYS | keys)
 
 
 def test_a_twin_that_answers_requests_gives_the_point_where_the_reflector_is() -> None:

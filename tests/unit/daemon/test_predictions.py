@@ -2,12 +2,16 @@
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from daemon.config import CellConfig, load_config
+from daemon.config.recipes import Recipe
 from daemon.predictions import named, prediction_of, predictions
+from procedures.laser.config import LaserReferenceConfig
 from procedures.laser.plan import plan_scan
+from procedures.setup import Setup
 from tests.kit.object_cell import PLANNERS, write_config
 
 
@@ -72,3 +76,19 @@ def test_a_recipe_of_a_check_is_told_with_its_own_tolerance_and_no_section(
     strict, tight = (one for one in predictions(load_config(path)) if "recipe" in one)
     assert (strict["job"], strict["recipe"], strict["tolerance_m"]) == ("laser-check", "strict", 0.0002)
     assert (tight["job"], [limit["limit"] for limit in tight["limits"]]) == ("laser-update", [1e-6])
+
+
+def test_a_recipe_with_a_problem_of_its_own_is_told(
+    subject: CellConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def expectation(setup: Setup, section: LaserReferenceConfig) -> dict[str, Any]:
+        found = ["too many"] if section.passes > 5 else []
+        return {"text": "no prediction before its errors are corrected", "problems": found}
+
+    monkeypatch.setattr("procedures.laser.expectation.laser_expectation", expectation)
+    recipes = {
+        name: Recipe(job="laser-reference", number=None, parameters={"passes": passes})
+        for name, passes in (("good", 4), ("many", 6))
+    }
+    told = [one for one in predictions(subject.model_copy(update={"recipe": recipes})) if "recipe" in one]
+    assert [(one["recipe"], one["problems"]) for one in told] == [("many", ["too many"])]
