@@ -1,10 +1,12 @@
 """What an integrator can set for a touch test."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from cell.formats.reading import Strict
+
+LEAST_WAY_DOWN_M = 0.005  # guarded by the force, from clear_m to stand_off_m
 
 
 class TouchTestConfig(Strict):
@@ -29,7 +31,10 @@ class TouchTestConfig(Strict):
         description="the tool's point above the board; the thickness of the gauge that is held between",
     )
     clear_m: float = Field(
-        default=0.05, gt=0.005, le=0.5, description="above the board, on the way from corner to corner"
+        default=0.05,
+        gt=0.005,
+        le=0.5,
+        description="above the board, on the way from corner to corner; at least 5 mm more than stand_off_m",
     )
     speed_m_s: float = Field(default=0.02, gt=0, le=0.25, description="down to a corner and up again")
     max_force_n: float = Field(
@@ -70,3 +75,13 @@ class TouchTestConfig(Strict):
         if corners is not None and len(set(corners)) < len(corners):
             raise ValueError("a point is named twice; name each once")
         return corners
+
+    @model_validator(mode="after")
+    def _comes_down(self) -> Self:
+        if round(self.clear_m - self.stand_off_m - LEAST_WAY_DOWN_M, 6) < 0.0:
+            raise ValueError(
+                f"clear_m = {self.clear_m:g} should be at least {LEAST_WAY_DOWN_M:g} larger than "
+                f"stand_off_m = {self.stand_off_m:g}, for a way down that a force can end; raise clear_m, or "
+                "lower stand_off_m"
+            )
+        return self

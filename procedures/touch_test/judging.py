@@ -15,6 +15,7 @@ from cell.errors import error
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.solving import refused, within_limits
+from procedures.touch_test.config import LEAST_WAY_DOWN_M
 from procedures.touch_test.data import LookTaken, TouchData, located, read_data_set
 from procedures.touch_test.result import (
     CauseOff,
@@ -69,13 +70,14 @@ def require_clearance(data: TouchData) -> None:
     cov = np.asarray(sum(one for name, one in sources.items() if name != BY_HAND))
     sigma = np.sqrt(np.diag(cov)[2::3])
     k = int(np.argmax(sigma))
-    if _SIGMAS * sigma[k] > config.stand_off_m:
+    if (needed := _SIGMAS * float(sigma[k])) > config.stand_off_m:
+        higher = " and clear_m" if needed + LEAST_WAY_DOWN_M > config.clear_m else ""
         raise error(
             "ARGUMENT_INVALID",
             f"stand_off_m is {mm(config.stand_off_m, 1)}, and the height of the tool's point over point "
-            f"{data.stood[k].corner} of '{config.target}' is known to {mm(_SIGMAS * sigma[k], 1)} only "
-            "(three standard deviations): take a thicker gauge and a larger stand_off_m, or calibrate the "
-            "camera anew",
+            f"{data.stood[k].corner} of '{config.target}' is known to {mm(needed, 1)} only "
+            f"(three standard deviations): take a thicker gauge and a larger stand_off_m{higher}, or "
+            "calibrate the camera anew",
         )
 
 

@@ -209,20 +209,30 @@ def test_a_tool_that_meets_the_board_is_stopped_and_not_lifted_by_a_finish_in_lo
     scene_of(tmp_path, act)
 
 
-def test_a_height_that_is_not_known_to_the_stand_off_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("clear_m", "higher"), [(0.05, ""), (0.009, " and clear_m")])
+def test_a_height_that_is_not_known_to_the_stand_off_is_refused(
+    tmp_path: Path, clear_m: float, higher: str
+) -> None:
     async def act(cell: ObjectCell, person: Toucher) -> None:
         give_hand_eye(cell, cov=900.0 * HAND_EYE_COV)
         refusal = await refused(cell.dry_run())
         assert refusal.name == "ARGUMENT_INVALID"
-        assert "take a thicker gauge and a larger stand_off_m" in str(refusal)
+        assert f"take a thicker gauge and a larger stand_off_m{higher}, or" in str(refusal)
 
-    scene_of(tmp_path, act)
+    scene_of(tmp_path, act, clear_m=clear_m)
 
 
 def test_corners_are_numbers_of_points_each_named_once() -> None:
     for wrong in ([-1, 0, 1, 8], [0, 1, 8, 8]):
         with pytest.raises(ValidationError, match="corners"):
             TouchTestConfig(**HASTY, corners=wrong)
+
+
+def test_a_way_down_that_no_force_could_end_is_refused() -> None:
+    for wrong in ({"stand_off_m": 0.05}, {"stand_off_m": 0.02, "clear_m": 0.008}, {"clear_m": 0.0079}):
+        with pytest.raises(ValidationError, match="raise clear_m, or lower stand_off_m"):
+            TouchTestConfig(**HASTY, **wrong)
+    assert TouchTestConfig(**HASTY, stand_off_m=0.003, clear_m=0.008).clear_m == 0.008
 
 
 def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None:
