@@ -291,6 +291,11 @@ class Run:
         return not self._skipped
 
     @property
+    def wants_finish(self) -> bool:
+        """Whether someone asked to finish: for a job that has something to do before it ends."""
+        return self._finish
+
+    @property
     def wants_rest(self) -> bool:
         """Whether someone asked to pause or to finish: a job that streams goes to a checkpoint."""
         return self._hold_wanted or self._finish

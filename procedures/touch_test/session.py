@@ -131,14 +131,12 @@ class TouchRun:
         where = f"corner {k + 1} of {len(plan.corners)}"
         await run.enter(S.APPROACH, where)
         forced = await run.take_step(f"approach {where}", lambda: self._approach(k, corner), measures=False)
+        await run.enter(S.TOUCH, where)
         ends = False
         try:
             stood = await self._stand(where, corner, forced)
         except FinishRequested:
             stood, ends = None, True
-        if ends and self._not_ready():
-            run.note("decision", event="not lifted", corner=corner.corner, why="the arm is in local mode")
-            raise FinishRequested
         if stood is not None:
             await self._keep(stood=[*self.data.stood, stood])
             run.note("decision", event="corner taken", corner=corner.corner, q=stood.q)
@@ -146,6 +144,9 @@ class TouchRun:
             await self._keep(skipped=[*self.data.skipped, corner.corner])
         await run.enter(S.LIFT, where)
         await run.released()  # no checkpoint: a finish shall lift the arm
+        if run.wants_finish and self._not_ready():
+            run.note("decision", event="not lifted", corner=corner.corner, why="the arm is in local mode")
+            raise FinishRequested
         above = from_pose6([*plan.away, 0.0, 0.0, 0.0]) * (await run.arm_state()).T_base_flange
         await run.take_step(f"lift from {where}", lambda: self._lift(above), measures=False)
         if ends:
@@ -181,7 +182,6 @@ class TouchRun:
             )
             run.note("decision", event="met something", corner=corner.corner, why=why.strip())
         while True:
-            await run.enter(S.TOUCH, why or where)
             text = corner_text(where, self.config.target, corner.corner, self.config.stand_off_m)
             wants = await run.ask(f"{why}{text}", skippable=True)
             why = self._not_ready()
@@ -193,6 +193,7 @@ class TouchRun:
                 if stood is not None and not why:
                     return stood
             run.note("decision", event="asked again", corner=corner.corner, why=why.strip())
+            await run.enter(S.TOUCH, why)
 
     def _not_ready(self) -> str:
         """Why the arm cannot go on yet, in words; empty when it can."""

@@ -28,7 +28,7 @@ TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     S.LOOK: frozenset({S.PLAN}),
     S.PLAN: frozenset({S.APPROACH}),
     S.APPROACH: frozenset({S.TOUCH, S.SOLVE}),
-    S.TOUCH: frozenset({S.TOUCH, S.LIFT, S.SOLVE}),
+    S.TOUCH: frozenset({S.TOUCH, S.LIFT}),
     S.LIFT: frozenset({S.APPROACH, S.SOLVE}),
     S.SOLVE: frozenset(),
 }

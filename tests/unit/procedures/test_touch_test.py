@@ -11,6 +11,8 @@ import pytest
 from pydantic import ValidationError
 
 from cell.calibrations import laser_reference
+from cell.errors import error
+from cell.procedure import Run
 from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
@@ -21,6 +23,7 @@ from procedures.touch_test.config import TouchTestConfig
 from procedures.touch_test.expectation import touch_expectation
 from procedures.touch_test.judging import solve_touch_test
 from procedures.touch_test.procedure import TouchTest
+from procedures.touch_test.states import State
 from procedures.touch_test.words import touch_lines
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused
 from tests.kit.slot_cell import HAND_EYE_COV, give_hand_eye
@@ -180,16 +183,68 @@ def test_a_finish_at_a_corner_lifts_the_tool_and_says_that_it_was_too_early(tmp_
     scene_of(tmp_path, act)
 
 
+def test_a_finish_at_a_pause_before_the_lift_ends_as_one_when_a_person_has_the_arm(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        number = await cell.start()
+        await person.prompt()
+        await cell.engine.pause(WHO)
+        await person.stand()
+        await cell.until_state("lift")
+        cell.plant.controller.remote = False
+        await cell.clock.sleep(0.1)
+        await cell.engine.finish(WHO)
+        await cell.until(lambda: not cell.engine.active, "the end")
+        assert cell.end(number)["outcome"] == "complete", cell.end(number)
+        assert person.height() == pytest.approx(0.003, abs=0.0005)
+        assert "stood over 1 corners" in cell.result(number)["reasons"][0]
+        assert [line["corner"] for line in cell.notes(number, "not lifted")] == [0]
+
+    scene_of(tmp_path, act)
+
+
+def raise_a_wall(cell: ObjectCell, person: Toucher) -> None:
+    """A stiff board, and a tool that is 10 mm longer than it is known to be."""
+    world, board = cell.plant.world, person.board()
+    world.tool.bend(cell.clock.now(), np.array([0.0, 0.0, 0.01]))
+    up = -board.rotation.apply([0.0, 0.0, 1.0])
+    wall = Obstacle(point=board.translation.tolist(), normal=up.tolist(), stiffness_n_m=20e3)
+    world.config = world.config.model_copy(update={"obstacle": [wall]})
+
+
+def test_a_finish_while_the_arm_is_silent_after_a_force_lifts_the_tool(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require, struck = Run._require_unbroken, list[str]()
+
+    async def silent_once(run: Run, since: float) -> None:
+        if run.state in (State.APPROACH, State.TOUCH) and not struck:
+            struck.append("the look at the arm where the tool met something")
+            run.finish()
+            raise error("STALE_DATA", "the arm is silent at the end of the step")
+        await require(run, since)
+
+    monkeypatch.setattr(Run, "_require_unbroken", silent_once)
+
+    async def act(cell: ObjectCell, person: Toucher) -> None:
+        give_hand_eye(cell)
+        raise_a_wall(cell, person)
+        number = await cell.start()
+        await cell.until(lambda: not cell.engine.active, "the end")
+        assert struck
+        assert cell.end(number)["outcome"] == "complete", cell.end(number)
+        assert cell.notes(number, "met something")
+        assert person.height() > 0.045
+
+    scene_of(tmp_path, act)
+
+
 def test_a_tool_that_meets_the_board_is_stopped_and_not_lifted_by_a_finish_in_local_mode(
     tmp_path: Path,
 ) -> None:
     async def act(cell: ObjectCell, person: Toucher) -> None:
         give_hand_eye(cell)
-        world, board = cell.plant.world, person.board()
-        world.tool.bend(cell.clock.now(), np.array([0.0, 0.0, 0.01]))
-        up = -board.rotation.apply([0.0, 0.0, 1.0])
-        wall = Obstacle(point=board.translation.tolist(), normal=up.tolist(), stiffness_n_m=20e3)
-        world.config = world.config.model_copy(update={"obstacle": [wall]})
+        raise_a_wall(cell, person)
         number = await cell.start()
         prompt = await person.prompt()
         assert person.asked[0].startswith("The tool met something, 20 N or more, ")
