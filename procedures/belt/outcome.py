@@ -19,7 +19,7 @@ from procedures.belt.result import (
     PlaceWaitTimes,
     Slip,
 )
-from procedures.belt.stamp_delays import delay_warnings, delays_95_s
+from procedures.belt.stamp_delays import camera_delay_95_s, delay_warnings
 
 
 def result_of(
@@ -91,7 +91,7 @@ def result_of(
             following_largest_m=following.largest_m if following.looks else None,
             contact_off_rms_m=following.contacts.rms_m,
             contact_off_largest_m=following.contacts.largest_m,
-            delays_95_s=delays_95_s(values.time_offset_s),
+            camera_delay_95_s=camera_delay_95_s(values.time_offset_s),
             gripper_closing_s=gripper_times.closing_s,
             gripper_opening_s=gripper_times.opening_s,
             follow=config.follow,

@@ -216,10 +216,10 @@ class PickingAnswer(Part):
         "null before the first.",
     )
     contact_off_largest_m: Metres | None = Field(default=None, description="The largest of those.")
-    delays_95_s: Seconds | None = Field(
+    camera_delay_95_s: Seconds | None = Field(
         default=None,
-        description="Half of the 95 % interval of the delays of camera and encoder together: times the "
-        "belt's speed, so far may all contacts be off along it; null where one was not measured.",
+        description="Half of the 95 % interval of the camera's delay: times the belt's speed, so far may all "
+        "contacts be off along it; null where it was not measured.",
     )
     gripper_closing_s: Seconds | None = Field(
         default=None,

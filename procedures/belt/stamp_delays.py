@@ -1,41 +1,40 @@
-"""What is known of how late the stamps of camera and encoder are: a constant error that no contact shows.
+"""What is known of how late the stamps of camera and encoder are, and what an unknown delay costs.
 
-A stamp that is late by 10 ms puts each item 1 mm off along a belt of 0.1 m/s, always to the same side, and
-counts and pictures of the run agree with each other all the same.
+An item that is seen ``c`` late is taken for farther back by ``c`` times the belt's speed, and so is every
+contact. The counts at picture and contact are late by the same ``e``: at an even speed that cancels, and else
+it leaves ``e`` times the change of the speed between the two.
 """
 
-import math
 from collections.abc import Mapping
 
 from cell.formats.result import Warning_
 
 _SIGMAS_95 = 1.96
-_SOURCES = {"fixed_camera": "camera", "belt": "encoder"}  # role, and the device in words
+_CAMERA, _ENCODER = "fixed_camera", "belt"  # roles
+_COSTS = {
+    _CAMERA: "how late the stamps of the camera are was not measured: 10 ms would put every contact off by 1 "
+    "mm along the belt at 0.1 m/s, unseen here",
+    _ENCODER: "how late the stamps of the encoder are was not measured: 10 ms would put a contact off by 1 "
+    "mm along the belt where the belt's speed changes by 0.1 m/s between picture and contact (at an even "
+    "speed nothing)",
+}
 Offsets = Mapping[str, Mapping[str, float]]
 
 
-def delays_95_s(offsets: Offsets) -> float | None:
-    """Half of the 95 % interval of both delays together, s; None where one was not measured.
+def camera_delay_95_s(offsets: Offsets) -> float | None:
+    """Half of the 95 % interval of the camera's delay, s; None where it was not measured.
 
-    ``offsets`` are those in effect by role, with the ``sigma`` of one that was measured.
+    ``offsets`` are those in effect by role, with the ``sigma`` of one that was measured. That of the encoder
+    does not count: it was measured against the camera, so the camera is in it already.
     """
-    if _unmeasured(offsets):
-        return None
-    return _SIGMAS_95 * math.hypot(*(offsets[role]["sigma"] for role in _SOURCES))
+    sigma = offsets.get(_CAMERA, {}).get("sigma")
+    return None if sigma is None else _SIGMAS_95 * sigma
 
 
 def delay_warnings(offsets: Offsets) -> list[Warning_]:
-    """One where a delay is not known, with what that can cost and what measures it."""
-    if not (roles := _unmeasured(offsets)):
-        return []
-    devices = " and ".join(_SOURCES[role] for role in roles)
-    jobs = " and ".join(f'source = "{role}"' for role in roles)
-    text = (
-        f"how late the stamps of the {devices} are was not measured: 10 ms would put every contact off by 1 "
-        f"mm along the belt at 0.1 m/s, unseen here; run latency-calibration with {jobs}"
-    )
-    return [Warning_(code="belt.delays", text=text)]
-
-
-def _unmeasured(offsets: Offsets) -> list[str]:
-    return [role for role in _SOURCES if "sigma" not in offsets.get(role, {})]
+    """One for each delay that is not known, with what that can cost and what measures it."""
+    return [
+        Warning_(code="belt.delays", text=f'{cost}; run latency-calibration with source = "{role}"')
+        for role, cost in _COSTS.items()
+        if "sigma" not in offsets.get(role, {})
+    ]

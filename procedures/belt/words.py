@@ -45,9 +45,9 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"{mm(answer.contact_off_largest_m)} at most; "
             "that is without constant errors of camera, calibration and arm"
         )
-    if (known := answer.delays_95_s) is not None:
+    if (known := answer.camera_delay_95_s) is not None:
         lines.append(
-            f"  delays of camera and encoder are known to {1e3 * known:.2f} ms (95 %): all contacts may be "
+            f"  the delay of the camera is known to {1e3 * known:.2f} ms (95 %): all contacts may be "
             f"off by {mm(0.1 * known)} along the belt for each 0.1 m/s"
         )
     if (waits := answer.place_waits) is not None and waits.count:

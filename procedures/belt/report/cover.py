@@ -53,8 +53,8 @@ def tracking_cover(source: BeltSource) -> Cover:
         figures.append(judged("tool beside its set-points, largest", follow, limit, mm))
     if (off := answer.contact_off_largest_m) is not None:
         figures.append(judged("item beside the tool at contact by later counts, largest", off, limit, mm))
-    if (known := answer.delays_95_s) is not None:
-        figures.append(CoverFigure("delays of camera and encoder, 95 %", f"{1e3 * known:.2f} ms"))
+    if (known := answer.camera_delay_95_s) is not None:
+        figures.append(CoverFigure("delay of the camera, 95 %", f"{1e3 * known:.2f} ms"))
     return Cover(figures, [_COUNTED])
 
 

@@ -43,7 +43,11 @@ def test_counts_that_wrap_change_nothing(tmp_path: Path) -> None:
             assert end["outcome"] == "complete"
             assert min(np.diff(raw)) < -60000
             assert counted(cell, run_id) == {**dict.fromkeys(Outcome, 0), "picked": 3}
-            assert [w["code"] for w in cell.result(run_id)["warnings"]] == ["belt.nominal", "belt.delays"]
+            assert [w["code"] for w in cell.result(run_id)["warnings"]] == [
+                "belt.nominal",
+                "belt.delays",
+                "belt.delays",
+            ]
             assert np.max(off_since(cell, 0.0)) < 0.5e-3
             assert not cell.notes(run_id, "encoder slip")
             assert not cell.notes(run_id, "encoder jump")
