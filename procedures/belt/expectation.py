@@ -15,6 +15,9 @@ from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup, needs_depth
 from procedures.belt.tracking import UPRIGHT_RAD
 from procedures.setup import Setup
+from procedures.words import mm
+
+_FALL_M = 0.005  # of an item onto those below, more is told
 
 
 def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
@@ -38,6 +41,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
     mistaken += _overlaps(job)
+    mistaken += _falls(job)
     if values.belt is None:
         text = f"{slide}; no prediction of the zone without [robot] belt_nominal"
         return {"text": text, "problems": problems, "cautions": mistaken}
@@ -87,6 +91,21 @@ def _overlaps(job: BeltTrackingConfig) -> Iterator[str]:
             f"place_grid.{along} = {pitch:g} m is shorter than items.max_size_m = "
             f"{job.items.max_size_m:g} m: longer items would lie on each other, as their longer side is "
             "along the tool's x; make items.max_size_m as small as the items are"
+        )
+
+
+def _falls(job: BeltTrackingConfig) -> Iterator[str]:
+    """How far items fall in the uppermost layer, where a layer is higher than the lowest of them."""
+    grid, items = job.place_grid, job.items
+    if grid is None or grid.layer_m is None:
+        return
+    key = "min_height_m" if items.height_m is None else "height_m"
+    low_m = items.min_height_m if items.height_m is None else items.height_m
+    if (fall_m := (grid.layers - 1) * (grid.layer_m - low_m)) > _FALL_M:
+        yield (
+            f"place_grid.layer_m = {grid.layer_m:g} m is higher than items.{key} = {low_m:g} m: where "
+            f"nothing lies between the layers an item may fall {mm(fall_m)} farther in layer {grid.layers} "
+            f"than in the lowest; make items.{key}, items.max_height_m and place_grid.layer_m as items are"
         )
 
 

@@ -132,7 +132,7 @@ class Places:
 
     def unreachable(self, guard: MotionGuard) -> str | None:
         """One sentence on the places, and the points ``above_m`` over them, that ``guard`` or arm forbids;
-        None: all are free. Each is looked at from the one beside it; the ways between them are not."""
+        None: all are free. Each is looked at from one next to it; the ways between them are not."""
         found = list(self._forbidden(guard))
         if not found:
             return None
@@ -154,8 +154,11 @@ class Places:
             q, last = there, self._points[k]
 
     def _beside_each_other(self) -> Sequence[int]:
-        """The places in an order in which each is beside the one before."""
-        columns = 1 if self._grid is None else self._grid.columns
-        rows = np.arange(len(self._points)).reshape(-1, columns)
-        rows[1::2] = rows[1::2, ::-1]
-        return [int(k) for k in rows.ravel()]
+        """The places in an order in which each is beside, above or below the one before."""
+        grid = self._grid
+        rows, columns = (1, 1) if grid is None else (grid.rows, grid.columns)
+        layers = np.arange(len(self._points)).reshape(-1, rows, columns)
+        layers[1::2] = layers[1::2, ::-1]
+        ways = layers.reshape(-1, columns)
+        ways[1::2] = ways[1::2, ::-1]
+        return [int(k) for k in ways.ravel()]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.kinematics import robot_from_spec
+from cell.guard import MotionGuard
 from cell.poses import from_pose6
 from daemon.config import CellConfig
 from daemon.predictions import setup_of
@@ -47,6 +48,16 @@ def tool_of(config: CellConfig) -> tuple[ToolJoints, np.ndarray]:
 def expected(config: CellConfig) -> dict[str, Any]:
     """What ``check`` says of it."""
     return belt_expectation(setup_of(config), BeltTrackingConfig.model_validate(config.job[JOB]))
+
+
+class Looked(MotionGuard):
+    """A guard that allows everything and keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self.looked: list[np.ndarray] = []
+
+    def check_joints(self, q: np.ndarray) -> None:
+        self.looked.append(q)
 
 
 def raised(config: CellConfig, higher_m: float) -> CellConfig:
@@ -393,6 +404,36 @@ def test_check_knows_the_uppermost_layer(tmp_path: Path) -> None:
     assert not low["problems"]
     assert any("as high as above_m over the grid" in problem for problem in high["problems"])
     assert low["speeds"][0]["cycle_s"] > flat["speeds"][0]["cycle_s"]
+
+
+@pytest.mark.parametrize(
+    ("items", "fall"),
+    [
+        ({"min_height_m": 0.02, "max_height_m": 0.04}, "items.min_height_m = 0.02 m"),
+        ({"height_m": 0.02, "max_height_m": 0.04}, "items.height_m = 0.02 m"),
+        ({"min_height_m": 0.039, "max_height_m": 0.04}, None),
+    ],
+)
+def test_check_says_how_far_items_fall_that_are_lower_than_a_layer(
+    tmp_path: Path, items: dict[str, float], fall: str | None
+) -> None:
+    grid = {"layers": 5, "layer_m": 0.04}
+    cautions = expected(config_of(tmp_path, grid, items={**SMALL, **items}))["cautions"]
+    told = [caution for caution in cautions if "fall 80.000 mm farther in layer 5" in caution]
+    assert len(told) == (fall is not None)
+    assert all(str(fall) in caution for caution in told)
+    assert any("fall" in caution for caution in cautions) == (fall is not None)
+
+
+def test_each_place_is_looked_at_from_one_next_to_it(tmp_path: Path) -> None:
+    config = config_of(tmp_path, {"rows": 3, "layers": 2, "layer_m": LAYER_M})
+    tool, q_place = tool_of(config)
+    subject = Places(BeltTrackingConfig.model_validate(config.job[JOB]), tool, q_place)
+    guard = Looked()
+    assert subject.unreachable(guard) is None
+    places = np.array([tool.state(q).p for q in guard.looked[::2]])  # the others are over them
+    assert len(np.unique(places.round(4), axis=0)) == 12
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() == pytest.approx(0.08, abs=1e-4)
 
 
 def test_the_cycle_counts_the_climb_before_a_high_grid_is_crossed(tmp_path: Path) -> None:
