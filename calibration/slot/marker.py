@@ -3,7 +3,8 @@
 The corners of a marker are found for a start only: blur draws a corner inwards by a tenth of a pixel, which
 makes the marker small and, as it is beside the slot, puts the slot aside. Depth and tilt hardly show in one
 marker and stay as the rack's model has them. How well the marker sits beside the slot no picture tells: it is
-told apart, for a budget, as what the answer follows of it.
+told apart, for a budget, as what the answer follows of it. A second look begins at the answer of the first,
+which follows it already.
 """
 
 from dataclasses import dataclass, replace
@@ -41,9 +42,17 @@ class SlotMarker:
 
 
 def find_by_marker(
-    colour: NDArray[np.uint8], camera: Intrinsics, marker: SlotMarker, expected: Expected, reach_m: float
+    colour: NDArray[np.uint8],
+    camera: Intrinsics,
+    marker: SlotMarker,
+    expected: Expected,
+    reach_m: float,
+    looks: int = 1,
 ) -> FoundOpening:
     """The slot by its marker in ``colour`` (h, w, 3), at most ``reach_m`` beside ``expected``.
+
+    ``looks`` at the marker so far, this one included; each but the first begins at the answer of the one
+    before, with about the same ``expected.cov``.
 
     ``OPENING_NOT_SEEN`` where the marker is not in the picture, is elsewhere, or too small there.
     """
@@ -69,7 +78,8 @@ def find_by_marker(
     found = by_edges(colour, camera, square, own, start, profile_px)
     back = adjoint(T_slot.as_matrix())
     turn = adjoint(_TURNED.inv().as_matrix())
-    follows = back @ (np.eye(6) - found.cov @ np.linalg.inv(own.cov)) @ turn
+    kept = np.linalg.matrix_power(found.cov @ np.linalg.inv(own.cov), looks)
+    follows = back @ (np.eye(6) - kept) @ turn
     return replace(
         found,
         T_camera=found.T_camera * T_slot.inv(),

@@ -24,7 +24,10 @@ class HandEyeKnown(Strict):
 
 
 class LookTaken(Strict):
-    """The measuring look; pictures by their names in the run folder."""
+    """The measuring look; pictures by their names in the run folder.
+
+    ``looks`` at the slot so far, this one included.
+    """
 
     what: Literal["opening", "part"]
     q: Six
@@ -35,6 +38,7 @@ class LookTaken(Strict):
     depth: list[str]
     camera: dict[str, Any]
     reach_m: float
+    looks: int = Field(default=1, ge=1)
 
     def look(self, folder: Path) -> Look:
         return Look(
@@ -45,6 +49,7 @@ class LookTaken(Strict):
             self.T_base_slot,
             self.sigma,
             self.reach_m,
+            self.looks,
         )
 
 

@@ -15,7 +15,8 @@ from procedures.words import mm
 def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
     """``text``, what keeps the job from its end, and what leaves little room.
 
-    Hand-eye and arm are only known when the job starts; what part and rack alone leave open is known now.
+    Hand-eye and arm are only known when the job starts; what part, rack and
+    marker alone leave open is known now.
     """
     problems = setup.missing("arm", "flange_camera", "gripper")
     if setup.without_depth("flange_camera"):
@@ -38,7 +39,7 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
     cautions = _cautions(setup, job, alone)
     text = (
         f"slot {job.slot} of {job.rack.rows * job.rack.columns}, {mm(job.clearance_m)} free on each side; "
-        f"part and rack alone leave {mm(alone)} (95 %) open, hand-eye, arm and look come on top"
+        f"{_known_now(job)} alone leave {mm(alone)} (95 %) open, hand-eye, arm and look come on top"
     )
     return {
         "text": problems[0] if problems else text,
@@ -60,6 +61,10 @@ def _part_and_rack(job: SlotInsertionConfig) -> float:
     return quantile_radius(np.eye(2) * (job.part.sigma_m**2 + turns**2 + marker_m**2))
 
 
+def _known_now(job: SlotInsertionConfig) -> str:
+    return "part and rack" if job.marker is None else "part, rack and marker"
+
+
 def _of_marker(job: SlotInsertionConfig) -> str:
     return "" if job.marker is None else ", with marker.sigma_m,"
 
@@ -67,7 +72,9 @@ def _of_marker(job: SlotInsertionConfig) -> str:
 def _cautions(setup: Setup, job: SlotInsertionConfig, alone: float) -> list[str]:
     found = []
     if job.clearance_m >= alone > 0.7 * job.clearance_m:
-        found.append("part and rack alone take most of the room: measure them better, or expect refusals")
+        found.append(
+            f"{_known_now(job)} alone take most of the room: measure them better, or expect refusals"
+        )
     try:
         rows = setup.calibrations()
     except CellError:

@@ -22,7 +22,7 @@ from cell.poses import adjoint, from_pose6
 @dataclass(frozen=True)
 class Look:
     """Pictures of one look. ``T_base_slot`` is as the rack's model or an earlier look has it, known to
-    ``sigma`` (6,); poses are (6,)."""
+    ``sigma`` (6,); poses are (6,). ``looks`` at the slot from the rack's model on, this one included."""
 
     colour: Sequence[Path]
     depth: Sequence[Path]
@@ -31,6 +31,7 @@ class Look:
     T_base_slot: Sequence[float]
     sigma: Sequence[float]
     reach_m: float
+    looks: int = 1
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -53,7 +54,7 @@ def inside(look: Look, opening: Rectangle) -> Inside:
 def seen_by_marker(look: Look, marker: SlotMarker) -> FoundOpening:
     """The slot by its ``marker`` in the mean of the pictures; ``OPENING_NOT_SEEN``."""
     expected = Expected(look.T_camera_slot, np.diag(np.square(look.sigma)))
-    return find_by_marker(_mean(look), look.intrinsics, marker, expected, look.reach_m)
+    return find_by_marker(_mean(look), look.intrinsics, marker, expected, look.reach_m, look.looks)
 
 
 def seen(look: Look, rectangle: Rectangle, depth_m: float = 0.0) -> FoundOpening:

@@ -307,6 +307,7 @@ class InsertionRun:
                     "dist": list(camera.dist),
                 },
                 reach_m=reach_m,
+                looks=2 if state is S.MEASURE else 1,
             )
 
         taken = await run.take_step(f"look at slot {self.config.slot}", take)

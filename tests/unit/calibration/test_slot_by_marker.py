@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from calibration.slot.marker import find_by_marker
+from calibration.slot.opening import Expected
 from cell.errors import CellError
-from cell.poses import log_xi
-from tests.kit.slot_scene import blank, look_at, marker_at, spread
+from cell.poses import exp_xi, log_xi
+from tests.kit.slot_scene import KNOWN, blank, look_at, marker_at, spread
 
 REACH_M = 0.012
 LOOKS = 4
@@ -45,6 +46,22 @@ def test_what_the_place_of_the_marker_leaves_open_is_told_apart() -> None:
     after, before = spread(by_shift.cov), spread(picture.expected.cov)
     assert np.all(after[:2] < 0.1 * before[:2])
     assert np.all(after[3:5] > 0.9 * before[3:5])
+
+
+def test_two_looks_follow_the_place_of_a_marker_as_far_as_is_told() -> None:
+    # What is told of a turned marker, beside what both looks truly do when it is turned.
+    turn, begins = 0.01, np.diag(np.square([5e-4, 5e-4, 2e-3, *KNOWN[3:]]))
+    picture = look_at(1, np.random.default_rng(8), marked=True)
+    marker, truly = marker_at(1, 0.0, turn), []
+    middle = marker.T_slot
+    for way in (-turn, turn):
+        marker = replace(marker, T_slot=middle * exp_xi(np.array([0.0, 0.0, 0.0, 0.0, 0.0, way])))
+        found = find_by_marker(picture.colour, picture.camera, marker, picture.expected, REACH_M)
+        again = Expected(found.T_camera, begins)
+        truly.append(find_by_marker(picture.colour, picture.camera, marker, again, REACH_M, looks=2))
+    followed = np.abs(log_xi(truly[0].T_camera.inv() * truly[1].T_camera))[5] / 2.0
+    assert truly[0].by_marker is not None
+    assert spread(truly[0].by_marker)[5] == pytest.approx(followed, rel=0.05)
 
 
 def test_a_marker_that_is_not_there_or_elsewhere_is_refused() -> None:

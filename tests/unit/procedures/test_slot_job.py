@@ -12,6 +12,7 @@ from cell.poses import from_pose6
 from daemon.config import CellConfig
 from fakes.object import run_virtual
 from procedures.documents import read_result
+from procedures.slot.data import read_data_set
 from procedures.slot.procedure import SlotInsertion
 from procedures.slot.truth import judge_slot
 from procedures.slot.words import slot_lines
@@ -88,6 +89,9 @@ def test_a_part_is_fetched_measured_and_inserted(tmp_path: Path) -> None:
         assert any("part in the gripper" in line for line in slot_lines(found))  # type: ignore[arg-type]
         truth = ran.cell.plant.world.truth(ran.cell.clock.now())
         assert judge_slot(found, truth, tmp_path).inside95  # type: ignore[arg-type]
+        data, _ = read_data_set(ran.cell.folder(ran.run).path)
+        assert data.look is not None
+        assert data.look.looks == 2
         again = SlotInsertion.solve_again(ran.cell.folder(ran.run).path / "slot.json", {}, {})
         assert again.as_json()["result"] == ran.answer
 

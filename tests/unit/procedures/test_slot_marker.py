@@ -70,6 +70,8 @@ def test_the_place_of_a_marker_is_in_what_check_says_is_left_open() -> None:
     found = expected(section(marker={**JOB, "sigma_m": 1e-4}))
     alone = 2.4477 * (1e-8 + 1e-8 + (1.803e-3 * 0.06) ** 2) ** 0.5
     assert found["part_and_rack_95_m"] == pytest.approx(alone, rel=1e-3)
+    assert "part, rack and marker alone leave" in found["text"]
+    assert found["cautions"][0].startswith("part, rack and marker alone take most of the room")
     refused = expected(section(marker={**JOB, "sigma_m": 5e-4}))["problems"][0]
     assert "with marker.sigma_m, alone leave" in refused
 
