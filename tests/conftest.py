@@ -4,15 +4,15 @@ import asyncio
 import gc
 import os
 import random
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 from hypothesis import settings
+
+from tests.kit.left_behind import children, require_gone, sockets, threads
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[_name] = "1"  # as in every process of the product, and before numpy reads them
@@ -99,7 +99,8 @@ def _nothing_blocks_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
 def _nothing_leaks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A task, thread, socket or child that outlives its test fails it.
 
-    ``restarts_children`` marks tests on a cell of their module whose processes they end and start again.
+    ``restarts_children`` marks tests on a cell, or with a browser, of their module, whose processes end and
+    start again meanwhile: what is left of those is for its fixture to see.
     """
     leaked_tasks: list[str] = []
     cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]
@@ -109,57 +110,11 @@ def _nothing_leaks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
         cancel_all(loop)
 
     monkeypatch.setattr(asyncio.runners, "_cancel_all_tasks", record)
-    me = psutil.Process()
-    threads, children, sockets = _threads(), _children(me), _sockets()
+    seen = {"threads": threads, "children": children, "sockets": sockets}
+    before = {what: now() for what, now in seen.items()}
     yield
     assert not leaked_tasks, f"tasks left behind: {leaked_tasks}"
     if request.node.get_closest_marker("restarts_children"):
-        children = _children(me)
-    for what, before, now in (
-        ("threads", threads, _threads),
-        ("children", children, lambda: _children(me)),
-        ("sockets", sockets, _sockets),
-    ):
-        deadline = time.monotonic() + 2.0
-        while (left := now() - before) and time.monotonic() < deadline:
-            threading.Event().wait(0.02)
-        assert not left, f"{what} left behind: {left} of {me.net_connections(kind='all')}"
-
-
-def _threads() -> set[str]:
-    return {f"{t.name}#{t.ident}" for t in threading.enumerate()}
-
-
-def _children(me: psutil.Process) -> set[str]:
-    try:
-        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    except ChildProcessError:  # no child at all: most tests need not look through all processes
-        return set()
-    found = set()
-    for child in me.children(recursive=True):
-        try:
-            if child.status() != psutil.STATUS_ZOMBIE and not _is_lasting(child):
-                found.add(f"{child.pid} {' '.join(child.cmdline())[:80]}")
-        except psutil.NoSuchProcess:
-            continue
-    return found
-
-
-def _is_lasting(child: psutil.Process) -> bool:
-    """multiprocessing keeps two processes for the life of the interpreter: one tracks, one is copied. Its
-    copies have the same command line."""
-    words = " ".join(child.cmdline())
-    return "resource_tracker" in words or ("forkserver" in words and child.ppid() == os.getpid())
-
-
-def _sockets() -> set[str]:
-    """By descriptor and inode: what they are connected to takes a hundred times as long to find out."""
-    found = set()
-    for fd in os.listdir("/proc/self/fd"):
-        try:
-            target = os.readlink(f"/proc/self/fd/{fd}")
-        except OSError:  # the one of this list
-            continue
-        if target.startswith("socket:"):
-            found.add(f"fd {fd} {target}")
-    return found
+        del seen["children"]
+    for what, now in seen.items():
+        require_gone(what, before[what], now)

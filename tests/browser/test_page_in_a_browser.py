@@ -12,7 +12,7 @@ from tests.kit.browser import Use, Visitor, needs_chromium, one_browser
 from tests.kit.page_cell import PageCell
 from tests.kit.page_rig import TOKENS, PageRig, on_page
 
-# A browser starts and ends children as windows come and go.
+# A browser starts and ends children as windows come and go; one_browser sees whether all are gone at its end.
 pytestmark = [pytest.mark.wire, pytest.mark.restarts_children, needs_chromium]
 InBrowser = Callable[[Use], None]
 

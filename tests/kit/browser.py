@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from playwright.async_api import Browser, BrowserContext, Page, async_playwright
 
+from tests.kit import left_behind
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 AXE = Path(__file__).parents[1] / "browser/vendor/axe.min.js"
 ANSWER_MS = 60_000.0
@@ -44,24 +46,32 @@ def in_browser(use: Use) -> None:
 @contextmanager
 def one_browser() -> Iterator[Callable[[Use], None]]:
     """As :func:`in_browser` for several uses, of which each closes its windows only: a browser takes a second
-    of a core to start."""
+    of a core to start. A task that outlives its use fails it, a process that outlives the browser the end."""
+    before = left_behind.children()
     with asyncio.Runner() as runner:
         opened = _browser()
         browser = runner.run(opened.__aenter__())
-
-        async def once(use: Use) -> None:
-            with ThreadPoolExecutor(1) as reads_files:  # the loop's own would outlive this use
-                asyncio.get_running_loop().set_default_executor(reads_files)
-                try:
-                    await use(browser)
-                finally:
-                    for context in browser.contexts:
-                        await context.close()
-
         try:
-            yield lambda use: runner.run(once(use))
+            yield lambda use: runner.run(_once(use, browser))
         finally:
             runner.run(opened.__aexit__(None, None, None))
+    left_behind.require_gone("children", before, left_behind.children)
+
+
+async def _once(use: Use, browser: Browser) -> None:
+    before = asyncio.all_tasks()
+    with ThreadPoolExecutor(1) as reads_files:  # the loop's own would outlive this use
+        asyncio.get_running_loop().set_default_executor(reads_files)
+        try:
+            await use(browser)
+        finally:
+            for context in browser.contexts:
+                await context.close()
+    if left := asyncio.all_tasks() - before:
+        left = (await asyncio.wait(left, timeout=left_behind.PATIENCE_S))[1]
+    for task in left:
+        task.cancel()
+    assert not left, f"tasks left behind: {left}"
 
 
 class Visitor:
