@@ -216,17 +216,17 @@ def touch_of(folder: Path, now: _Capture) -> SeenTouch:
     if now.setup != "eye-in-hand":
         text = "a touch test is one of a camera on the flange, and the captures are of a fixed one"
         raise error("ARGUMENT_INVALID", f"{file}: {text}; leave it out")
-    designed, of_capture = (make_target(dict(target)).points for target in (data.target, now.target))
+    designed, of_capture = (make_target(dict(target)).points for target in (data.spec, now.target))
     if designed.shape != of_capture.shape or not np.allclose(designed, of_capture, rtol=0.0, atol=1e-9):
         raise error("ARGUMENT_INVALID", f"{file} was taken with another target than the capture of now")
     if data.look is None or len(data.stood) < FEWEST:
         text = f"the tool's point stood over {len(data.stood)} corners, {FEWEST} are needed"
         raise error("ARGUMENT_INVALID", f"{file}: {text}")
-    config = data.config()
+    config = data.job
     touches = Touches(
         q_look=np.array(data.look.q),
         Q=np.array([at.q for at in data.stood]),
-        view=view_of(data.target, data.look),
+        view=view_of(data.spec, data.look),
         points=data.points([at.corner for at in data.stood]),
         stand_off_m=config.stand_off_m,
         # As it was when all was well: a frame that was corrected since has the change in it.

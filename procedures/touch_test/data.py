@@ -1,34 +1,46 @@
 """The data set of a touch test, ``touch-test.json``: what was known, the look, and where the tool stood."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calibration.hand_eye.pnp import Poses, solve_pnp
 from calibration.hand_eye.views import CornerSet
 from calibration.targets import make_target
 from cell.devices import Intrinsics
+from cell.formats.bounds import (
+    Coefficient,
+    Joints,
+    Pixel,
+    PixelCount,
+    Pixels,
+    Point,
+    Pose,
+    Ratio,
+    SigmaLength,
+)
+from cell.formats.capture import TargetTable
 from cell.formats.reading import Strict, parse, read_json
 from cell.formats.robot import Robot, parse_robot
 from cell.poses import Array
 from procedures.touch_test.config import TouchTestConfig
 
 DATA_FILE, SCHEMA = "touch-test.json", "cellward.touch-test/1"
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Four = Annotated[list[float], Field(min_length=4, max_length=4)]
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
-Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
+Lens = Annotated[list[Pixels], Field(min_length=4, max_length=4)]
+Covariance = Annotated[
+    list[Annotated[list[Ratio], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
+]
 
 
 class CameraSeen(Strict):
     """The camera of the look: ``K`` is fx, fy, cx, cy in pixels."""
 
-    width: int = Field(gt=0)
-    height: int = Field(gt=0)
-    K: Four
-    dist: list[float]
+    width: PixelCount
+    height: PixelCount
+    K: Lens
+    dist: list[Coefficient]
 
     def intrinsics(self) -> Intrinsics:
         fx, fy, cx, cy = self.K
@@ -38,8 +50,8 @@ class CameraSeen(Strict):
 class LookTaken(Strict):
     """The board at the look: point ``ids[i]`` of the target at ``corners[i]``, mean of ``frames`` frames."""
 
-    q: Six
-    T_base_flange: Six
+    q: Joints
+    T_base_flange: Pose
     ids: list[int] = Field(min_length=4)
     corners: list[Pixel] = Field(min_length=4)
     frames: int = Field(ge=1)
@@ -50,8 +62,8 @@ class PointStood(Strict):
     """The arm at rest with the tool's point over the target's point ``corner``, as a person confirmed it."""
 
     corner: int = Field(ge=0)
-    q: Six
-    T_base_flange: Six
+    q: Joints
+    T_base_flange: Pose
 
 
 class TouchData(Strict):
@@ -61,27 +73,40 @@ class TouchData(Strict):
     unknown."""
 
     schema_: Annotated[Literal["cellward.touch-test/1"], Field(alias="schema")] = "cellward.touch-test/1"
-    job: dict[str, Any]
+    job: TouchTestConfig
     robot: dict[str, Any]
-    arm_rms_m: float | None
-    target: dict[str, Any]
-    T_flange_camera: Six
-    hand_eye_cov: list[Six]
-    tool: Three
-    tool_reference: Three | None
+    arm_rms_m: SigmaLength | None
+    target: TargetTable
+    T_flange_camera: Pose
+    hand_eye_cov: Covariance
+    tool: Point
+    tool_reference: Point | None
     look: LookTaken | None = None
     stood: list[PointStood] = Field(default_factory=list)
     skipped: list[int] = Field(default_factory=list, description="points that were left out")
 
-    def config(self) -> TouchTestConfig:
-        return TouchTestConfig.model_validate(self.job)
+    @model_validator(mode="after")
+    def _of_the_target(self) -> Self:
+        count = len(make_target(self.spec).points)
+        seen = [] if self.look is None else self.look.ids
+        for where, ids in (("look.ids", seen), ("stood", [at.corner for at in self.stood])):
+            if beyond := [k for k in ids if not 0 <= k < count]:
+                raise ValueError(f"{where} has point {beyond[0]}, and the target's are 0 to {count - 1}")
+        if self.look is not None and not len(set(seen)) == len(seen) == len(self.look.corners):
+            raise ValueError("look has another number of ids than of corners, or an id twice")
+        return self
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The target's table."""
+        return self.target.model_dump(exclude_none=True)
 
     def arm(self) -> Robot:
         return parse_robot(self.robot, "robot")
 
     def points(self, ids: list[int]) -> Array:
         """(n, 3) m of the target."""
-        points: Array = make_target(self.target).points[np.array(ids, dtype=int)]
+        points: Array = make_target(self.spec).points[np.array(ids, dtype=int)]
         return points
 
 
@@ -93,7 +118,10 @@ def view_of(target: dict[str, Any], look: LookTaken) -> CornerSet:
 
 def located(target: dict[str, Any], look: LookTaken) -> Poses:
     """Where the camera saw the target, as it was given; the first pose is the best."""
-    return solve_pnp([view_of(target, look)], look.camera.intrinsics())[0]
+    poses = solve_pnp([view_of(target, look)], look.camera.intrinsics())[0]
+    if not np.isfinite(poses.C).all():
+        raise ArithmeticError("the look's corners and the target's points give no pose")
+    return poses
 
 
 def read_data_set(path: Path) -> tuple[TouchData, Path]:

@@ -66,7 +66,7 @@ def require_clearance(data: TouchData) -> None:
     is to stand, and its height there is not known to a third of the stand-off (one standard deviation)."""
     if data.look is None:
         raise error("BOARD_NOT_SEEN", "there is no look yet")
-    config, (_, _, sources) = data.config(), _off(data, data.look)
+    config, (_, _, sources) = data.job, _off(data, data.look)
     cov = np.asarray(sum(one for name, one in sources.items() if name != BY_HAND))
     sigma = np.sqrt(np.diag(cov)[2::3])
     k = int(np.argmax(sigma))
@@ -83,11 +83,11 @@ def require_clearance(data: TouchData) -> None:
 
 def _off(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff, dict[str, Array]]:
     """Where the tool's point stood, what it was off by there, and the covariances of that by cause."""
-    poses = located(data.target, look)
+    poses = located(data.spec, look)
     C = poses.C[0]
     F_look, X = from_pose6(look.T_base_flange).as_matrix(), from_pose6(data.T_flange_camera).as_matrix()
     flange = np.array([from_pose6(at.T_base_flange).as_matrix() for at in data.stood])
-    places = over_points(data.points([at.corner for at in data.stood]), C, data.config().stand_off_m)
+    places = over_points(data.points([at.corner for at in data.stood]), C, data.job.stand_off_m)
     standing = Standing(F_look, flange, X, C, np.array(data.tool), places)
     off = points_off(standing)
     px = max(CORNER_PX, float(np.sqrt(poses.sse[0] / max(2 * poses.corners[0] - 6, 1))))
@@ -107,7 +107,7 @@ def _too_little(data: TouchData) -> Refusal | None:
 
 def _sources(data: TouchData, look: LookTaken, off: PointsOff, seen: Array) -> dict[str, Array]:
     """Covariances (3k, 3k) of what the points are off by, m^2, by their causes."""
-    config, k = data.config(), len(data.stood)
+    config, k = data.job, len(data.stood)
     camera, at_look, tool = (A.reshape(3 * k, -1) for A in (off.by_camera, off.by_look, off.by_tool))
     Q = np.array([look.q, *(at.q for at in data.stood)])
     arm = arm_errors(data.arm(), Q, data.arm_rms_m)
@@ -142,7 +142,7 @@ def _result(
     residuals = TouchResiduals(
         meaning="what a common shift and turn leave; an unsteady hand, or a board that is not flat",
         rms_m=float(np.sqrt(np.sum(found.left**2) / free)),
-        expected_m=data.config().stand_sigma_m,
+        expected_m=data.job.stand_sigma_m,
     )
     warnings = _warnings(data, residuals, free)
     result = TouchResult(

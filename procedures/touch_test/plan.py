@@ -1,6 +1,5 @@
 """Planning for the worker process: joints over each corner, and every way checked; nothing here moves."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,11 +40,10 @@ class TouchPlan:
     listing: dict[str, Any]
 
 
-def plan_touch(values: RunValues, job: Mapping[str, Any], look: LookTaken, q_now: list[float]) -> TouchPlan:
+def plan_touch(values: RunValues, config: TouchTestConfig, look: LookTaken, q_now: list[float]) -> TouchPlan:
     """Of the board as it is seen. The tool's z points into the board; of the turns about it the first one is
     taken that the guard allows. ``BOARD_NOT_SEEN`` for corners that the look does not show, else
     ``MOTION_LIMIT``, ``MOTION_COLLISION`` or ``MOTION_UNREACHABLE`` of the turn that is nearest."""
-    config = TouchTestConfig.model_validate(job)
     guard = lease_settings(values)[0]
     target = dict(values.targets[config.target])
     C = located(target, look).C[0]

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Arm, Frame, Speed, flange_poses
 from cell.errors import CellError, error
+from cell.formats.capture import TargetTable
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6, to_pose6
 from cell.procedure import FinishRequested, Run
@@ -45,10 +47,10 @@ class TouchRun:
         tool = from_pose6(values.tool["T_flange_tool"])
         reference = values.laser_reference
         self.data = TouchData(
-            job=config.model_dump(mode="json"),
+            job=config,
             robot=arm_robot(values),
             arm_rms_m=arm_rms_m(values),
-            target=dict(values.targets[config.target]),
+            target=TypeAdapter(TargetTable).validate_python(dict(values.targets[config.target])),
             T_flange_camera=_six(require_hand_eye(values)),
             hand_eye_cov=values.uncertainty[HAND_EYE]["cov"],
             tool=tool.translation.tolist(),
@@ -63,14 +65,14 @@ class TouchRun:
 
     async def plan_from_here(self) -> TouchPlan:
         """For the board as it is seen from where the arm stands."""
-        await self.camera.set_target(self.data.target)
+        await self.camera.set_target(self.data.spec)
         return await self._plan(await self._taken())
 
     async def take_all(self) -> None:
         """The look, and every corner; after a finish those that there were by then."""
         run = self.run
         await run.enter(S.PREPARE)
-        await run.take_step("prepare the camera", partial(self.camera.set_target, self.data.target))
+        await run.take_step("prepare the camera", partial(self.camera.set_target, self.data.spec))
         await run.enter(S.LOOK, f"from pose '{self.config.look_pose}'")
         async with run.motion() as lease:
             look = await run.take_step("look at the board", lambda: self._look(lease))
@@ -87,7 +89,7 @@ class TouchRun:
     async def _plan(self, look: LookTaken) -> TouchPlan:
         q_now = [float(v) for v in (await self.run.arm_state()).q]
         worker = self.run.worker
-        plan = await worker.call(plan_touch, self.run.values, self.data.job, look, q_now)
+        plan = await worker.call(plan_touch, self.run.values, self.config, look, q_now)
         there = [PointStood(corner=c.corner, q=c.q_above, T_base_flange=c.T_over) for c in plan.corners]
         await worker.call(require_clearance, self.data.model_copy(update={"look": look, "stood": there}))
         return plan

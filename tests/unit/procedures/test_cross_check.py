@@ -25,6 +25,7 @@ from procedures.cross_check.solver import (
 )
 from procedures.cross_check.words import cross_check_lines
 from procedures.report import write_report
+from procedures.touch_test.judging import solve_touch_test
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.cross_check_scene import (
     HALF_TURN,
@@ -286,3 +287,36 @@ def test_a_touch_test_goes_with_a_camera_on_the_flange_and_its_own_target(tmp_pa
         touch_of(folder, fixed)
     with pytest.raises(InputError, match="another target than the capture of now"):
         touch_of(folder, other)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "says"),
+    [
+        (("target", "points", 0, 0), 1e308, "points[0][0] is beyond"),
+        (("target", "points"), [], "points has 0 entries"),
+        (("look", "ids", 0), 10**12, "look.ids has point 1000000000000"),
+        (("look", "ids", 0), 1, "an id twice"),
+        (("stood", 0, "corner"), 48, "stood has point 48"),
+        (("job", "clear_m"), 0.001, "job.clear_m"),
+        (("hand_eye_cov",), [], "hand_eye_cov has 0 entries"),
+        (("tool", 2), -1e12, "tool[2] is beyond"),
+    ],
+)
+def test_a_damaged_touch_test_is_refused_with_file_and_field(
+    tmp_path: Path, path: tuple[Any, ...], value: object, says: str
+) -> None:
+    rng = np.random.default_rng(3)
+    scene = make_scene(rng, 2)
+    folder = write_touch(tmp_path / "touch", touched(rng, scene.cell, scene.W @ HALF_TURN, Change()))
+    file = folder / "touch-test.json"
+    data = json.loads(file.read_text("utf-8"))
+    *above, key = path
+    table = data
+    for step in above:
+        table = table[step]
+    table[key] = value
+    file.write_text(json.dumps(data), "utf-8")
+    with pytest.raises(InputError) as caught:
+        solve_touch_test(file)
+    assert str(file) in str(caught.value)
+    assert says in str(caught.value)
