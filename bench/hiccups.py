@@ -158,7 +158,7 @@ class Bench:
         met = len(self._truth().get("gripper", {}).get("contacts", ()))
         run_id = cell.start_job(self.job)
         begun = free = time.monotonic()
-        finished = False
+        finished = spent = False
         while (status := self._status())["job"] is not None:
             now = time.monotonic()
             if status["prompt"]:
@@ -174,8 +174,9 @@ class Bench:
             settled = now >= free and status["packml"] == "EXECUTE" and not status["silences_in_a_row"]
             if settled and mine:
                 mine[-1].went_on = True
-            spent = len(mine) >= PER_RUN or status["steps_taken_again"] > TAKEN_AGAIN
-            if strike and settled and not spent and (due := self._due(status["state"])):
+            last = len(mine) >= PER_RUN - 1 or status["steps_taken_again"] >= TAKEN_AGAIN
+            if strike and settled and not spent and (due := self._due(status["state"], last)):
+                spent = last
                 mine.append(due)
                 self._strike(due)
                 free = time.monotonic() + APART_S
@@ -223,8 +224,12 @@ class Bench:
         truth: dict[str, Any] = ask(self.cell.folder, {"do": "truth"})
         return truth
 
-    def _due(self, state: str) -> Strike | None:
-        for each in self.pending:
+    def _due(self, state: str, last: bool) -> Strike | None:
+        """A pause that is wanted for ``state``: the shortest, but the longest as the ``last`` of a run.
+
+        What is likely to end a run costs no run of its own so.
+        """
+        for each in reversed(self.pending) if last else self.pending:
             if each.state == state and self._pids(each.process):
                 self.pending.remove(each)
                 return each
