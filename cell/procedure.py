@@ -30,7 +30,7 @@ from cell.devices import (
     ObservedArm,
 )
 from cell.errors import CellError, error
-from cell.formats.result import Envelope
+from cell.formats.result import NO_FIGURES, Envelope, Figures
 from cell.interruptions import Interruptions
 from cell.kinds import D, as_kind
 from cell.modelled_arm import ArmModels, ModelledArm
@@ -114,8 +114,8 @@ class Notebook(Protocol):
 class Proposal:
     """A calibration that a finished job offers.
 
-    ``name`` is its name in the ledger, ``value`` what takes effect, ``auto`` whether a passing result is
-    accepted without a person.
+    ``name`` is its name in the ledger, ``value`` what takes effect, plain or as a model (of a large one that
+    is dumped where it is stored), ``auto`` whether a passing result is accepted without a person.
     """
 
     name: str
@@ -195,6 +195,8 @@ class Run:
         self.prompt: tuple[int, str] | None = None
         self.skippable = False  # what the prompt asks for may be left out
         self.result: Envelope | None = None
+        self.figures: Figures = NO_FIGURES  # of the result, for registers
+        self.shown: dict[str, Any] | None = None  # what is short of it, for a status
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self.traces: dict[str, Trace] = {}

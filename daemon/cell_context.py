@@ -18,7 +18,7 @@ from cell.procedure import Proposal, Run, Worker
 from cell.store.ledger import Ledger
 from cell.time_histogram import TimeHistogram
 from daemon.config import CellConfig
-from daemon.results import enter_proposal
+from daemon.results import propose_in_mid_run
 from daemon.supervisor import Supervisor
 from procedures.arm_setup import lease_settings
 
@@ -80,7 +80,7 @@ class CellContext:
         return self.broker.lease(run.as_modelled(arm), guard, settings, speed, run, after, run.steps_taken)
 
     async def propose(self, run: Run, proposal: Proposal, result: Envelope) -> int:
-        return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
+        return await propose_in_mid_run(run, self.ledger, proposal, result)
 
     async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:
         run.check_record()

@@ -25,7 +25,7 @@ from daemon.movable import ASKED_BY_S, require_movable
 from daemon.program_start import ProgramStart
 from daemon.recipes import arguments_of_recipe, with_recipe
 from daemon.results import note_arm_model, propose_results
-from daemon.run_end import failure_of, main_figure_of, shown_of, write_end
+from daemon.run_end import failure_of, keep_shown, main_figure_of, write_end
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_origin import origin
 from daemon.run_timing import RunTiming
@@ -394,16 +394,16 @@ class Engine:
         failure = failure or unwritten
         with suppress(Exception):  # nothing keeps the next run from starting; who asks the ledger is told
             await self.decisions.look()
-        figures, shown = await asyncio.to_thread(shown_of, run)
+        await asyncio.to_thread(keep_shown, run)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,
             "tool": told_tool(self.context.config, run.values.tool),
-            "result": shown,
+            "result": run.shown,
             "steps_taken_again": len(run.steps_taken.taken_again),
             **end,
         }
-        self.figures = figures
+        self.figures = run.figures
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None
         self._closing = False

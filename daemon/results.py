@@ -3,16 +3,17 @@
 import asyncio
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from cell.calibrations import rests_on_kinematics
 from cell.errors import error
 from cell.formats.result import Envelope, StepTakenAgain
 from cell.procedure import Procedure, Proposal, Run
-from cell.store.files import plain
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
-from procedures.documents import read_result
+from daemon.stored_result import in_worker, kept_of, texts_of
 from procedures.kinematics_in_use import in_words, misfits, with_model
 
 log = logging.getLogger("cellward.results")
@@ -28,16 +29,16 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     proposal = None if run.result.verdict == "fail" else run.procedure.proposal(run)
     renewed = run.proposed | ({proposal.name} if proposal else set())
     run.result = with_interruptions(with_model(run.result, run.values, renewed), run).signed()
-    await asyncio.to_thread(_write, run.result, folder)
+    where, value = str(folder.path / "result.json"), proposal.value if proposal else None
+    made = await in_worker(run.worker, texts_of, run.result, where, value)
+    run.figures, run.shown = made.kept.figures, made.kept.shown
+    await asyncio.to_thread(folder.write_result, made.result)
+    if made.kept.misfit is not None:
+        raise made.kept.misfit
     if proposal is not None:  # before the report, which names the result and the command that decides
-        await asyncio.to_thread(_propose, run, ledger, proposal, run.result)
+        as_text = replace(proposal, value=made.value)
+        await asyncio.to_thread(_propose, run, ledger, as_text, made.kept.summary, run.result.verdict)
     await _write_report(run)
-
-
-def _write(result: Envelope, folder: RunFolder) -> None:
-    document = plain(result.as_json())
-    folder.write_result(document)
-    read_result(document, str(folder.path / "result.json"))
 
 
 def with_interruptions(result: Envelope, run: Run) -> Envelope:
@@ -70,10 +71,18 @@ async def _write_report(run: Run) -> None:
         run.note("error", event="no report", why=f"{type(exc).__name__}: {exc}")
 
 
-def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Envelope) -> int:
+async def propose_in_mid_run(run: Run, ledger: Ledger, proposal: Proposal, result: Envelope) -> int:
+    """A proposed calibration in the ledger, from a result that the run goes on with; returns its number."""
+    told = with_model(result, run.values, run.proposed | {proposal.name})
+    kept = await in_worker(run.worker, kept_of, told)
+    return await asyncio.to_thread(enter_proposal, run, ledger, proposal, kept.summary)
+
+
+def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, summary: Mapping[str, Any]) -> int:
     """A proposed calibration in the ledger, with the configured value that it would replace.
 
     Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
+    ``summary`` is of the result that it comes from.
     """
     run.check_record()
     if proposal.name not in run.values.configured:
@@ -82,9 +91,8 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Envelop
     configured = run.values.configured[proposal.name]
     model = run.values.arm_model if rests_on_kinematics(proposal.name) else None
     run.proposed.add(proposal.name)
-    told = with_model(result, run.values, run.proposed)
     result_id = ledger.propose(
-        proposal.name, proposal.value, told.as_json(), run.id, configured, model, run.folder.name
+        proposal.name, proposal.value, summary, run.id, configured, model, run.folder.name
     )
     run.note("decision", event="proposed", name=proposal.name, result_id=result_id)
     return result_id
@@ -101,9 +109,9 @@ def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> lis
     return found
 
 
-def _propose(run: Run, ledger: Ledger, proposal: Proposal, result: Envelope) -> None:
-    result_id = enter_proposal(run, ledger, proposal, result)
+def _propose(run: Run, ledger: Ledger, proposal: Proposal, summary: Mapping[str, Any], verdict: str) -> None:
+    result_id = enter_proposal(run, ledger, proposal, summary)
     run.check_record()
-    if proposal.auto and result.verdict == "pass":
+    if proposal.auto and verdict == "pass":
         ledger.accept(result_id, "policy")
         run.note("decision", event="accepted", name=proposal.name, result_id=result_id, by="policy")

@@ -8,13 +8,10 @@ from dataclasses import asdict
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.formats.result import NO_FIGURES, Figures
 from cell.procedure import Run
-from cell.store.files import plain
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
-from daemon.status import summary_of
-from procedures.documents import read_result
+from daemon.stored_result import kept_of
 
 log = logging.getLogger("cellward.run_end")
 
@@ -48,17 +45,14 @@ def main_figure_of(run: Run) -> dict[str, Any] | None:
     return None if figure is None else asdict(figure)
 
 
-def shown_of(run: Run) -> tuple[Figures, dict[str, Any] | None]:
-    """What registers and status show of a run's result; registers nothing where it does not fit its kind."""
-    if run.result is None:
-        return NO_FIGURES, None
-    document = plain(run.result.as_json())
-    try:
-        figures = read_result(document, f"the result of run {run.id}").figures()
-    except CellError as exc:
-        log.error("registers show nothing of the result: %s", exc)
-        figures = NO_FIGURES
-    return figures, summary_of(document)
+def keep_shown(run: Run) -> None:
+    """What registers and status show of a result that was not stored, as its run was stopped before."""
+    if run.result is None or run.shown is not None:
+        return
+    kept = kept_of(run.result, f"the result of run {run.id}")
+    if kept.misfit is not None:
+        log.error("registers show nothing of the result: %s", kept.misfit)
+    run.figures, run.shown = kept.figures, kept.shown
 
 
 def failure_of(job: asyncio.Task[None]) -> CellError | None:

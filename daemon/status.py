@@ -7,7 +7,6 @@ from cell.errors import CellError
 from cell.packml import PackML
 from cell.procedure import Run
 from cell.store.ledger import Ledger
-from cell.store.summary import summary
 from daemon.cell_context import CellContext
 from daemon.deciding import Decisions
 from daemon.program_start import ProgramStart
@@ -90,13 +89,3 @@ def live_of(engine: Shown, since: Mapping[str, int]) -> dict[str, Any]:
         "live": dict(run.live) if run else {},
         "traces": traces,
     }
-
-
-def summary_of(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The part of a result that a status shows: without what is long, as the ledger keeps it."""
-    if result is None:
-        return None
-    kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
-    kept["observability"] = {"parameters": (result.get("observability") or {}).get("parameters")}
-    kept["update"] = (result.get("inputs") or {}).get("update")
-    return summary(kept)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import error
-from cell.store.json_text import json_text
+from cell.store.json_text import JsonText, json_text
 
 MAX_JSON_BYTES = 256 * 2**20
 
@@ -101,7 +101,12 @@ def _refuse_constant(name: str) -> None:
 
 
 def to_json(value: Any, indent: int | None = None) -> str:
-    """JSON of plain, numpy, path and enum values; a number that is not finite becomes null."""
+    """JSON of plain, numpy, path and enum values; a number that is not finite becomes null.
+
+    :class:`JsonText` is the text of its value already, however indented.
+    """
+    if isinstance(value, JsonText):
+        return value
     if indent is None:
         return json_text(plain(value), ensure_ascii=False)
     return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)

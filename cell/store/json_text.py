@@ -13,6 +13,12 @@ _FEW = 16
 _ENCODERS = {ascii: json.JSONEncoder(allow_nan=False, ensure_ascii=ascii) for ascii in (False, True)}
 
 
+class JsonText(str):
+    """The text of a value that was made before, in another process."""
+
+    __slots__ = ()
+
+
 def json_text(value: Any, *, ensure_ascii: bool = True) -> str:
     """The text of ``json.dumps(value, allow_nan=False, ensure_ascii=...)``, its errors as well."""
     return "".join(_pieces(value, ensure_ascii))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cell.errors import CellError, error
 from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
 from cell.store.journal import Journal, read_journal
+from cell.store.json_text import JsonText
 from cell.store.run_fields import END_FIELDS, RUN_FIELDS, misfit
 from cell.version import software
 
@@ -77,8 +78,8 @@ class RunFolder:
         if self._journal is not None:
             self._journal.check_on_disk()
 
-    def write_result(self, result: Mapping[str, Any]) -> None:
-        """``result.json``, whole or absent."""
+    def write_result(self, result: Mapping[str, Any] | JsonText) -> None:
+        """``result.json``, whole or absent; ``result`` as a document or as its text."""
         self.check_on_disk()
         write_atomic(self.path / "result.json", to_json(result, indent=1))
 

@@ -30,7 +30,7 @@ def in_a_list(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _document(value: Mapping[str, Any]) -> str:
     if value.get("schema") == "cellward.kinematics/1":
         return _arm(value)
-    if value.get("schema") != "cellward.laser-reference/1":
+    if value.get("schema") not in ("cellward.laser-reference/1", "cellward.laser-reference/2"):
         return f"{value.get('schema', 'a document')} with {len(value)} entries"
     tool, hits = value.get("tool") or {}, value.get("hits") or {}
     at = ", ".join(f"{beam} [{_point(p)}] mm" for beam, p in hits.items() if p is not None)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.store.files import append_lines, disk_errors, to_json, write_atomic
+from procedures.laser.packed import unpacked
 from procedures.laser.sweep import BeamPass
 
 PASSES_FILE = "passes.jsonl"
@@ -38,7 +39,7 @@ class PassRecord:
     def write_data_set(
         self, header: Mapping[str, Any], reference: Sequence[Any], current: Sequence[Any], complete: bool
     ) -> Path:
-        """``laser.json``: ``header`` has attitude, beams and tool; then the passes of both.
+        """``laser.json``: ``header`` has attitude, beams and tool; then the passes of both, plain.
 
         Without ``complete`` its notes say that the run was finished early and after how many ways, so that
         whoever solves it again comes to the verdict of the run.
@@ -46,7 +47,7 @@ class PassRecord:
         data = {
             "schema": "cellward.laser/1",
             **header,
-            "reference": {"passes": list(reference)},
+            "reference": {"passes": [unpacked(entry) for entry in reference]},
             "current": {"passes": list(current)},
         }
         if not complete:

@@ -14,9 +14,10 @@ from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.laser.health import keep_health
 from procedures.laser.judging import finished_early, judge_reference
 from procedures.laser.measurement import Measurement, check_poses, check_speeds, nominal_header
+from procedures.laser.packed import unpacked
 from procedures.laser.record import PassRecord
 from procedures.laser.result import ReferenceResult
-from procedures.laser.solving import solve_new_reference
+from procedures.laser.solving import PLAIN_SCHEMA, solve_new_reference
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
 S = ScanState
@@ -55,8 +56,7 @@ class LaserReference(Procedure):
     def proposal(self, run: Run) -> Proposal | None:
         if not isinstance(run.result, ReferenceResult):
             return None
-        document = run.result.result.model_dump(mode="json", by_alias=True)
-        return Proposal(laser_reference(run.values.tool["name"]), document, self.config.accept.auto)
+        return Proposal(laser_reference(run.values.tool["name"]), run.result.result, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
         await run.enter(S.PREPARE)
@@ -90,12 +90,22 @@ class LaserReference(Procedure):
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         config = LaserReferenceConfig.model_validate(info["job_config"])
         known = known_of(config, RunValues.of(info["values"]), info["config"]["robot"]["beams"])
-        return solved_reference(path, known, info["job_config"])
+        found = solved_reference(path, known, info["job_config"])
+        old = (recorded.get("result") or {}).get("schema") == PLAIN_SCHEMA
+        return with_plain_passes(found) if old else found
 
     def _measurement(self, run: Run) -> Measurement:
         search = Search.from_config(self.config, run.values.poses, run.inputs("beams").name)
         offset_s = float(run.values.time_offset_s["beams"]["effective"])
         return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose)
+
+
+def with_plain_passes(found: Envelope) -> Envelope:
+    """As an earlier version recorded it, for comparing a run that is solved again with its record."""
+    if not isinstance(found, ReferenceResult):
+        return found
+    passes = [unpacked(entry) for entry in found.result.passes or []]
+    return found.changed(result=found.result.changed(passes=passes, schema_=PLAIN_SCHEMA))
 
 
 def known_of(config: LaserReferenceConfig, values: RunValues, device: str) -> dict[str, Any]:

@@ -276,7 +276,10 @@ class ReferenceAnswer(Part):
     search: dict[str, Any] | None = Field(default=None, description="Of a run: keys of the job and poses.")
     T_flange_tool: Pose | None = Field(default=None, description="Of a run: tool frame of the reference.")
     time_offset_s: Seconds | None = Field(default=None, description="Of a run: taken off the stamps.")
-    passes: list[Any] | None = Field(default=None, description="Of a run: as in a data set of beams.")
+    passes: list[Any] | None = Field(
+        default=None,
+        description="Of a run: each pass of the data set of beams, as JSON compressed by zlib in base64.",
+    )
 
 
 class BeamUncertainty(Part):

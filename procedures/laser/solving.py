@@ -17,12 +17,14 @@ from cell.formats.laser import parse_laser
 from cell.formats.result import Result
 from cell.poses import from_pose6
 from cell.store.files import read_json
+from procedures.laser.packed import packed
 from procedures.laser.record import DATA_FILE, SECOND, THIRD
 from procedures.laser.result import LaserAnswer, ReferenceResult, SecondScan
 from procedures.laser.solve.data import scene_of
 from procedures.laser.solve.solver import solve_reference
 
-REFERENCE_SCHEMA = "cellward.laser-reference/1"
+PLAIN_SCHEMA = "cellward.laser-reference/1"  # with the passes as the data set has them
+REFERENCE_SCHEMA = "cellward.laser-reference/2"
 
 
 def solve_new_reference(path: Path, known: Mapping[str, Any]) -> ReferenceResult | Result:
@@ -39,7 +41,7 @@ def solve_new_reference(path: Path, known: Mapping[str, Any]) -> ReferenceResult
         tool=data["tool"],
         R_base_flange=data["R_base_flange"],
         tau_s=found.result.tau,
-        passes=data["reference"]["passes"],
+        passes=[packed(entry) for entry in data["reference"]["passes"]],
         **known,
     )
     return found.changed(result=document)

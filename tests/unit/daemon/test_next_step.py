@@ -11,7 +11,7 @@ from daemon.cli.next_step import next_commands, possible
 from daemon.cli.result_text import result_text
 from daemon.cli.status_text import change_line, status_text, without_state
 from daemon.cli.value_text import value_text
-from daemon.status import summary_of
+from daemon.stored_result import summary_of
 from procedures.report.source import Source
 from procedures.report.verdict import banner
 from tests.kit.whole_results import whole

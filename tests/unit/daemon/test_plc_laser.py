@@ -10,7 +10,7 @@ import pytest
 from cell.devices import DeviceState
 from daemon.modbus.table import register_table
 from daemon.plc import PlcFace
-from daemon.status import summary_of
+from daemon.stored_result import summary_of
 from fakes.object import run_virtual
 from procedures.documents import read_result
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
