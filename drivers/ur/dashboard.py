@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
+from cell.answer_time import answer_within
 from cell.errors import error
 from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.ur.refused import why
@@ -37,7 +38,7 @@ class Dashboard:
         writer: asyncio.StreamWriter | None = None
         told = NO_TAP
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 reader, writer = await asyncio.open_connection(host, PORT, limit=4096)
                 told = tap("dashboard", f"{host}:{PORT}")
                 greeting = await reader.readline()
@@ -57,7 +58,7 @@ class Dashboard:
     async def ask(self, command: str, timeout: float) -> str:
         """Send one line, return the answering line. ``CALL_TIMEOUT`` or ``DEVICE_LOST`` close the link."""
         try:
-            async with asyncio.timeout(timeout), self._turn:
+            async with answer_within(timeout), self._turn:
                 question = command.encode("ascii") + b"\n"
                 self._tap.sent(question)
                 self._writer.write(question)
