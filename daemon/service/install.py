@@ -162,8 +162,10 @@ def _tell_systemd(root: Path, done: Done) -> None:
         return
     _systemctl("daemon-reload")
     if shutil.which("udevadm"):
-        subprocess.run(["udevadm", "control", "--reload"], check=False)
-        subprocess.run(["udevadm", "trigger"], check=False)
+        # It does not run in a container, where devices are the host's.
+        reloaded = subprocess.run(["udevadm", "control", "--reload"], capture_output=True, check=False)
+        if reloaded.returncode == 0:
+            subprocess.run(["udevadm", "trigger"], check=False)
     if _systemctl("is-active", "--quiet", "cellward.service") == 0:
         done.left.append("When no job runs: systemctl restart cellward")
 
