@@ -42,6 +42,7 @@ class CanEncoder(SampledDevice, ABC):
         self._unwrap, self._missing = Unwrap(modulus), Missing(config.period_s)
         self._two, self._flood = TwoSenders(), Flood(config.period_s)
         self._seq = 0
+        self._short = 0  # frames with too few bytes for a position, of this connection
         self._running = False  # positions are believed
         self._heard = 0.0
         self._watching: asyncio.Task[None] | None = None
@@ -53,6 +54,7 @@ class CanEncoder(SampledDevice, ABC):
         """Open the bus and bring the encoder to sending; ``DEVICE_UNREACHABLE`` and what a setup raises."""
         await self.close()
         self._life.begin()
+        self._short = 0
         self.counts.new_epoch()
         self._link = link = CanLink(
             self.name, self._bus_config.bus, self._ids(), self._take, self._lose, self._clock
@@ -78,7 +80,7 @@ class CanEncoder(SampledDevice, ABC):
             await link.close()
 
     def health(self) -> dict[str, Any]:
-        """Count, age (s), frames, gaps, lines that were no frames, stamps that were not believed."""
+        """Count, age (s), frames, gaps, frames that were too short, lines that were none, refused stamps."""
         last, link = self.counts.last(), self._link
         return {
             "connected": self._life.good,
@@ -88,6 +90,7 @@ class CanEncoder(SampledDevice, ABC):
             "modulus": self.modulus,
             "frames": 0 if link is None else link.frames,
             "gaps": self.counts.gaps,
+            "too_short": self._short,
             "malformed": 0 if link is None else link.malformed,
             "error_frames": 0 if link is None else link.error_frames,
             "stamps_refused": self._stamps.refused,
@@ -216,6 +219,7 @@ class CanEncoder(SampledDevice, ABC):
         return error(
             "CAN_BUS_OFF" if "bus error" in why else "DEVICE_LOST",
             f"{self.name} on {self._bus_config.bus}: no position for {now - self._heard:.3f} s, {heard}"
+            + (f"; {self._short} frames were too short for a position" if self._short else "")
             + (f"; the adapter reports {why}" if why else ""),
         )
 

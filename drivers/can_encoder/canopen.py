@@ -45,7 +45,6 @@ class CanopenEncoder(CanEncoder):
         self._resets = 0
         self._starting: asyncio.Task[None] | None = None
         self._syncing: asyncio.Task[None] | None = None
-        self._short = 0
         self._beat = 0.0
         self._wrong_beats = 0
         self._state = _OPERATIONAL

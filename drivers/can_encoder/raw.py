@@ -30,6 +30,7 @@ class RawCanEncoder(CanEncoder):
         if message.arbitration_id != config.id or message.is_extended_id != config.extended:
             return None
         if len(message.data) < self._bytes.stop:
+            self._short += 1
             return None
         value = int.from_bytes(message.data[self._bytes], config.byte_order, signed=config.signed)
         # A signed position is the same one modulo its width.

@@ -1,11 +1,20 @@
 """Frames that no single encoder at its timer sends are noticed, and ordinary ones are not."""
 
+import asyncio
+from collections.abc import Callable, Sequence
+
+import can
 import numpy as np
 import pytest
 
+from cell.clock import MonotonicClock
+from cell.errors import CellError
+from drivers.can_encoder import RawCanEncoder, RawCanEncoderConfig
 from drivers.can_encoder.suspicions import Flood, TwoSenders
 
 PERIOD_S = 0.005
+ID = 0x321
+CLOCK = MonotonicClock()
 
 
 @pytest.mark.parametrize("other", [0, 7, 3])
@@ -56,3 +65,67 @@ def test_a_flood_is_one_also_after_a_stall() -> None:
 def test_a_flood_is_told_the_later_the_less_it_is_one(times: float, within_s: float) -> None:
     subject = Flood(PERIOD_S)
     assert any(subject.seen(k * PERIOD_S / times) for k in range(round(within_s * times / PERIOD_S)))
+
+
+def positions(t: float, counts: Sequence[int], apart_s: float = PERIOD_S) -> list[can.Message]:
+    """Frames of 4 bytes from ``t`` on."""
+    return [
+        can.Message(
+            timestamp=t + k * apart_s, arbitration_id=ID, is_extended_id=False, data=count.to_bytes(4, "little")
+        )
+        for k, count in enumerate(counts)
+    ]
+
+
+async def opened() -> RawCanEncoder:
+    """A driver that believes what it is handed; there is no bus."""
+    device = RawCanEncoder("belt", RawCanEncoderConfig(bus="socketcan:can0", id=ID), CLOCK)
+    device._life.begin()
+    device.counts.new_epoch()
+    device._start_counting()
+    return device
+
+
+def lost_by(frames: Callable[[float], Sequence[can.Message]]) -> CellError | None:
+    """What ends the link when the frames come one at a time."""
+
+    async def scene() -> CellError | None:
+        device, now = await opened(), CLOCK.now()
+        for message in frames(now):
+            device._take([message], message.timestamp, message.timestamp)
+        assert device.counts.last() is not None
+        return device._life.failure
+
+    return asyncio.run(scene())
+
+
+def test_the_driver_ends_the_link_by_name_where_two_send_with_one_identifier() -> None:
+    failure = lost_by(lambda t: positions(t, [50_000 if k % 2 else k for k in range(40)]))
+    assert failure is not None
+    assert failure.name == "ENCODER_TWO_SENDERS"
+    assert "between two places" in failure.detail
+
+
+def test_the_driver_ends_the_link_by_name_where_frames_come_with_every_count() -> None:
+    failure = lost_by(lambda t: positions(t, range(3000), 1.0 / 1500.0))
+    assert failure is not None
+    assert failure.name == "ENCODER_FLOOD"
+
+
+def test_the_driver_goes_on_with_one_encoder_at_its_timer() -> None:
+    assert lost_by(lambda t: positions(t, range(0, 4000, 20))) is None
+
+
+def test_frames_that_are_too_short_are_counted_and_named_when_positions_stay_away() -> None:
+    async def scene() -> None:
+        device, now = await opened(), CLOCK.now()
+        whole, *short = positions(now, range(13))
+        for message in short:
+            message.data = message.data[:3]
+        device._take([whole, *short], now, now)
+        assert device.health()["too_short"] == 12
+        silence = device._silence(now + 0.3, "")
+        assert silence.name == "DEVICE_LOST"
+        assert silence.detail.endswith("the last was 0; 12 frames were too short for a position")
+
+    asyncio.run(scene())
