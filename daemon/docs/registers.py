@@ -19,7 +19,7 @@ Holding registers 0 to {command_last} are the command block, which the PLC write
 from {mirror} mirror both for a PLC that knows only function 3. Discrete inputs 0 to 15 are the status bits,
 16 to 31 the warning bits.
 
-Functions: 2, 3, 4, 6, 16, 22, 23.
+Functions: 2, 3, 4, 6, 16, 22, 23, and 43/14, which names maker, product and version.
 
 This face supervises. It is no safety function: an emergency stop is a wire.
 
@@ -52,6 +52,26 @@ silence holds the job, and only abort and halt are taken.
 is counted as missed. It belongs to no run: one that starts while the bit is set waits, too, whoever started
 it, and its journal names the client that set it. A restart of the daemon clears it with all other control
 bits.
+
+## What the status says
+
+| bit | set while |
+|---|---|
+| `ready` | no job runs, motion is not locked, and the arm is connected and shows no fault |
+| `busy` | a job runs, from its start until its end is written |
+| `done` | the last run came to its end, whatever its verdict; until acknowledged, reset, or the next start |
+| `fault` | the last run ended by the error in `error_code`, or motion is locked |
+| `warning` | the last run's verdict is *warn*; until it is acknowledged or the next one starts |
+| `result valid` | the last run has an answer and its verdict is *pass* or *warn*; as long as *warning* |
+| `arm ok`, `camera ok`, `encoder ok`, `beams ok`, `tracker ok` | that device is connected and can be used |
+| `PLC heartbeat ok` | `plc_heartbeat` has been seen and moves |
+| `protective or emergency stop` | the arm shows one, or the last run ended by one; until the reset |
+| `twin` | the cell is a simulated one |
+
+`ready` and `fault` may stand together: after a device was lost, say, a start needs no reset, and takes the
+fault back. Where motion is locked, as after a protective stop, `ready` stays 0 until command 7. `result_code`
+reads 1 when the command was taken, and 2 from then on while `done` is set: after a start, once its job has
+come to its end. `packml_state` stays where the last run ended until the next start or a reset.
 
 ## What was put into effect
 

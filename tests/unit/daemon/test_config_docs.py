@@ -14,6 +14,7 @@ from daemon.config.not_in_version import JOBS as JOBS_OF_LATER_VERSIONS
 from daemon.config.roles import ROLES
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
+from daemon.modbus.pdu import _FUNCTIONS
 from procedures.registry import JOBS
 from tests.kit.solved import solve_laser
 
@@ -45,6 +46,21 @@ def test_every_register_bit_and_value_is_in_the_manual(pages: dict[str, str]) ->
         assert f"`{register.name}`" in page
         for text in (*register.values.values(), *register.bits):
             assert f"| {text} |" in page
+
+
+def test_the_manual_says_when_each_status_bit_is_set_and_which_functions_there_are(
+    pages: dict[str, str],
+) -> None:
+    page = pages["docs/registers.md"]
+    said = page.split("## What the status says\n")[1].split("\n## ")[0]
+    firsts = (line.split("|")[1] for line in said.splitlines() if line.startswith("| `"))
+    told = {name for first in firsts for name in re.findall(r"`([^`]+)`", first)}
+    register = next(r for r in register_table().status if r.name == "status")
+    assert told == {text for text in register.bits if not text.startswith(("reserved", "toggles"))}
+    refused = {1, 5, 15}  # there are no coils
+    functions = re.search(r"^Functions: (.*), and (\d+)/14", page, re.MULTILINE)
+    assert functions is not None
+    assert {*map(int, functions[1].split(", ")), int(functions[2])} == _FUNCTIONS.keys() - refused
 
 
 def test_every_error_is_in_the_manual_once(pages: dict[str, str]) -> None:
