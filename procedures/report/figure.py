@@ -86,8 +86,11 @@ def _said(hover: str) -> dict[str, str]:
     return {"hovertemplate": f"{hover}<extra></extra>"} if hover else {"hoverinfo": "skip"}
 
 
-def embed(fig: Any, name: str) -> Html:
-    """The figure as a part of the page. Plotly writes ``<`` and ``/`` in data as escapes."""
+def embed(fig: Any, name: str, *, wide: bool = False) -> Html:
+    """The figure as a part of the page; a ``wide`` one is moved sideways on a narrow screen, not squeezed.
+
+    Plotly writes ``<`` and ``/`` in data as escapes.
+    """
     fig.update_xaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
     fig.update_yaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
     drawn = fig.to_dict()
@@ -101,4 +104,4 @@ def embed(fig: Any, name: str) -> Html:
         div_id=name,
         config=_CONFIG,
     )
-    return el("div", Html(markup), class_="figure")
+    return el("div", Html(markup), class_="figure wide" if wide else "figure")

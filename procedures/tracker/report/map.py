@@ -34,7 +34,7 @@ def map_section(source: KincalSource) -> Html | None:
     worst = found.p[int(np.argmax(found.error95))]
     return section(
         title,
-        embed(_figure(found), "map"),
+        embed(_figure(found), "map", wide=True),
         note(
             f"{len(found.p)} joint vectors spread over the ranges that the samples have. A cell shows the "
             "largest value in it: 95 % of the errors of the reflector's predicted place stay below this, in "

@@ -71,7 +71,10 @@ def positions(t: float, counts: Sequence[int], apart_s: float = PERIOD_S) -> lis
     """Frames of 4 bytes from ``t`` on."""
     return [
         can.Message(
-            timestamp=t + k * apart_s, arbitration_id=ID, is_extended_id=False, data=count.to_bytes(4, "little")
+            timestamp=t + k * apart_s,
+            arbitration_id=ID,
+            is_extended_id=False,
+            data=count.to_bytes(4, "little"),
         )
         for k, count in enumerate(counts)
     ]

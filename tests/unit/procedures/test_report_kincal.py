@@ -115,8 +115,15 @@ def test_rejected_samples_are_listed_with_their_reasons(subject: Page, scene: Sc
         assert f" {index} disagrees with the others by" in text
 
 
-def test_rule_of_the_source_is_told_with_its_verdict(subject: Page) -> None:
+def test_rule_of_thumb_is_told_with_its_verdict_and_in_words_that_anybody_knows(subject: Page) -> None:
     assert "not kept 60 poses, smallest step" in text_of(subject)
+    assert "A rule of thumb for poses" in text_of(subject)
+    assert "the source" not in text_of(subject)
+
+
+def test_four_maps_side_by_side_keep_their_width_on_a_phone(subject: Page) -> None:
+    (at,) = (k for k, (_, a) in enumerate(subject.elements) if a.get("id") == "map")
+    assert "figure wide" in [a.get("class") for _, a in subject.elements[at - 2 : at]]
 
 
 def test_poses_are_drawn_where_the_reflector_truly_was(source: KincalSource, scene: Scene) -> None:

@@ -23,6 +23,7 @@ X_TRUE = from_pose6([0.01, -0.08, 0.05, 0.03, 0.02, 0.04])
 X_OLD = from_pose6([0.01, -0.08, 0.06, 0.03, 0.02, 0.04])
 K, SIZE = (900.0, 900.0, 640.0, 360.0), (1280, 720)
 COLUMNS, ROWS, SQUARE = 7, 5, 0.03
+SOFTWARE = "cellward 0.0.7"
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
 
@@ -116,7 +117,7 @@ def folder(tmp_path: Path, data: Path, result: dict[str, Any]) -> Path:
 
 def make_run(tmp_path: Path, data: Path, result: dict[str, Any]) -> Path:
     """A run folder as it is when the worker draws the report: no end, and a journal that still grows."""
-    (tmp_path / "result.json").write_text(json.dumps(result))
+    (tmp_path / "result.json").write_text(json.dumps(result | {"software": SOFTWARE}))
     (tmp_path / "capture.json").write_text(data.read_text())
     run = {
         "run_id": 12,
@@ -234,8 +235,24 @@ def test_timeline_tells_prompts_and_skipped_poses(subject: Page) -> None:
 
 
 def test_inputs_name_cell_device_and_payload(subject: Page) -> None:
-    for words in ("bay-3", "serial 99991100001", "1.2 kg", "T_flange_camera version 3", "simulated cell"):
+    for words in (
+        "bay-3",
+        "serial 99991100001",
+        "1.2 kg",
+        "T_flange_camera version 3",
+        "simulated cell",
+        SOFTWARE,
+    ):
         assert words in subject.text
+
+
+def test_a_simulated_cell_is_told_first_in_the_title_and_across_each_printed_page(
+    subject: Page, whole: str
+) -> None:
+    assert "<title>TWIN: " in whole
+    told = "Simulated cell (twin): nothing in this report was measured on real devices."
+    assert subject.text.index(told) < subject.text.index("GO")
+    assert any(a.get("class") == "watermark" for _, a in subject.elements)
 
 
 def test_limits_are_judged_with_the_interval(subject: Page) -> None:
