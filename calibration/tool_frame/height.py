@@ -27,8 +27,8 @@ _FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left 
 _AT_ONCE = 200_000  # numbers that are worked on together, so that they stay near the processor
 _MOST_AT_ONCE = 32  # passes whose product is taken; none is less likely than LOST squared
 _NARROW = 0.05  # points of the grid: as good as no normal at all
-_NOTHING = 1e-25  # a share so small is rounded away beside LOST squared
-_STRETCH = 107  # points of the grid that are blurred at once
+_NOTHING = 1e-16  # beside LOST squared, the least of all, a share so small adds 1e-10 of it
+_SHORT, _STRETCH = 27, 107  # points of the grid that are blurred at once: few where few beside them count
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +166,10 @@ def _stretches(points: float, n: int) -> list[tuple[slice, slice, Array]]:
     matrix = sliding_window_view(shares, n)[::-1].copy()  # (from, to)
     matrix[0] += below[n - 1 :: -1]
     matrix[-1] += below[:n]
-    parts = []
-    for first in range(0, n, _STRETCH):
-        there = slice(first, first + _STRETCH)
-        near = slice(max(first - reach, 0), first + _STRETCH + reach)
+    parts, stretch = [], min(max(2 * reach, _SHORT), _STRETCH)
+    for first in range(0, n, stretch):
+        there = slice(first, first + stretch)
+        near = slice(max(first - reach, 0), first + stretch + reach)
         parts.append((near, there, matrix[near, there].copy()))
     return parts
 
