@@ -1,11 +1,12 @@
 """What every test is held to: nothing leaks, and nothing blocks the event loop."""
 
 import asyncio
+import fcntl
 import gc
 import os
 import random
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,22 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if more and wanted in SPOKEN_OF and collection_path.match("test_*.py"):
         return None if _says(collection_path, wanted) else True
     return None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """One process at a time imports a module of tests.
+
+    All workers import the same modules in the same order. In a new checkout pytest first rewrites the
+    assertions of each, which takes longer than all else in it: who waits finds that done.
+    """
+    if not isinstance(collector, pytest.Module):
+        return (yield)
+    with collector.path.open("rb") as module:
+        fcntl.flock(module, fcntl.LOCK_EX)
+        return (yield)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
