@@ -1,6 +1,8 @@
 """``cellward check``: findings, predictions, and the probe."""
 
+import asyncio
 import json
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from cell.store.ledger import Ledger
 from cell.wire_recording.reader import read_recording
 from daemon.cli import machine
 from daemon.cli.check import _clauses
+from daemon.cli.probe import probe_devices
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import DemoScene
@@ -306,6 +309,20 @@ def test_a_probe_that_finds_another_device_is_refused(
 
 
 @pytest.mark.wire
+def test_a_probe_dumps_no_frames_of_what_is_not_modbus(
+    objects: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.cli.probe.supervised_devices", lambda *_: [])
+    library = logging.getLogger("pymodbus")
+    before = library.level
+    library.setLevel(logging.NOTSET)
+    try:
+        asyncio.run(probe_devices(load_config(objects)))
+        assert not logging.getLogger("pymodbus.logging").isEnabledFor(logging.ERROR)
+    finally:
+        library.setLevel(before)
+
+
 def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
     subject: CommandLine, tmp_path: Path, objects: Path
 ) -> None:

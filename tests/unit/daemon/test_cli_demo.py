@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from cell.poses import exp_xi, from_pose6, to_pose6
 from cell.store.files import read_json
 from daemon.config import ModbusSection, load_config
 from daemon.demo import plc as registers
+from daemon.demo import wire
 from daemon.demo.children import Child
 from daemon.demo.fast import write_config
 from daemon.demo.folder import begin_in
@@ -355,3 +357,24 @@ def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Pat
     assert not subject.good
     assert "NOT consistent with" in subject.text
     assert "0.1000" in subject.text  # a link that is 0.1 mm longer
+
+
+@pytest.mark.parametrize(("steps", "told"), [(0, "step 10, "), (12, "step 10 of 12, ")])
+def test_a_job_without_an_end_of_its_own_is_told_without_a_number_of_steps(
+    steps: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Panel:
+        left = 2
+
+        def poll(self) -> Any:
+            self.left -= 1
+            shown = {"run_id": 3, "step": 10, "steps": steps, "picks": 0, "held": False, "prompt_id": 0}
+            return SimpleNamespace(busy=self.left > 0, **shown)
+
+        def command(self, *_: Any, **__: Any) -> None:
+            pass
+
+    monkeypatch.setattr(wire, "POLL_S", 0.0)
+    subject: Any = Panel()
+    wire._run_step(subject, steps_of(["cone-capture"])[0], Path(), ())
+    assert told in capsys.readouterr().err

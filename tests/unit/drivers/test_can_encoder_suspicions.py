@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from cell.clock import MonotonicClock
+from cell.devices import Identity
 from cell.errors import CellError
-from drivers.can_encoder import RawCanEncoder, RawCanEncoderConfig
+from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig, RawCanEncoder, RawCanEncoderConfig
+from drivers.can_encoder.setup import NodeSetup
 from drivers.can_encoder.suspicions import Flood, TwoSenders
 
 PERIOD_S = 0.005
@@ -132,3 +134,23 @@ def test_frames_that_are_too_short_are_counted_and_named_when_positions_stay_awa
         assert silence.detail.endswith("the last was 0; 12 frames were too short for a position")
 
     asyncio.run(scene())
+
+
+def test_three_frames_that_a_canopen_node_cannot_send_end_its_link_by_name() -> None:
+    async def scene() -> CellError | None:
+        device = CanopenEncoder("belt", CanopenEncoderConfig(bus="socketcan:can0", node=5), CLOCK)
+        device._life.begin()
+        device._setup = NodeSetup(Identity("encoder", "1"), 1 << 32, slice(0, 4), None, False, False)
+        device.counts.new_epoch()
+        device._start_counting()
+        now = CLOCK.now()
+        for message in positions(now, range(3)):
+            message.arbitration_id, message.data = device._config.position_id, message.data[:2]
+            assert device._life.failure is None
+            device._take([message], now, now)
+        return device._life.failure
+
+    failure = asyncio.run(scene())
+    assert failure is not None
+    assert failure.name == "PROTOCOL_VIOLATION"
+    assert "have 2 bytes, the position needs 4" in failure.detail

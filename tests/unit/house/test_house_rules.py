@@ -2,9 +2,11 @@
 
 import importlib.metadata
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 from cell.errors import Reaction, catalogue, error
 from procedures.registry import JOBS
@@ -68,6 +70,17 @@ def test_every_transition_table_is_sound(job: str) -> None:
 def test_whole_cells_are_where_make_test_looks_for_them() -> None:
     marked = {path for path in (ROOT / "tests").rglob("test_*.py") if "mark.alone" in path.read_text("utf-8")}
     assert {path.parent.name for path in marked - {Path(__file__)}} == {"integration"}
+
+
+def test_the_package_permits_the_versions_of_python_that_make_takes() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    permitted = SpecifierSet(project["requires-python"])
+    takes = [f"3.{minor}" for minor in range(8, 20) if f"3.{minor}" in permitted]
+    assert takes == ["3.11", "3.12"]
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    (below,) = re.findall(r"version_info\[:2\] < \(3, (\d+)\)", makefile)
+    (above,) = re.findall(r"version_info\[:2\] > \(3, (\d+)\)", makefile)
+    assert [f"3.{minor}" for minor in range(int(below), int(above) + 1)] == takes
 
 
 def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:

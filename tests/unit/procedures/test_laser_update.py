@@ -1,6 +1,7 @@
 """From a bent tool to a committed tool frame, and every way in which a candidate is turned down instead."""
 
 import asyncio
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,27 @@ def test_whatever_ends_the_run_before_the_point_is_confirmed_rejects_the_candida
             assert cell.at_rest()
             (row,) = cell.ledger.results(tool_calibration(TOOL))
             assert row["why"]
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(("state", "left"), [("measure", []), ("verify", ["rejected"])])
+def test_a_run_folder_that_is_removed_is_not_made_again_and_nothing_is_committed(
+    state: str, left: list[str], tmp_path: Path, solved: Solved
+) -> None:
+    config = laser_config(tmp_path, update=AUTO)
+
+    async def main() -> None:
+        async with laser_cell(config, JOB, drawn_reference(config)) as cell:
+            await cell.start()
+            await cell.until_state(state)
+            shutil.rmtree(cell.runs)
+            cell.runs.mkdir()
+            await cell.until(lambda: not cell.engine.active, "the end")
+            assert cell.engine.status()["error"]["name"] == "RUN_FOLDER_LOST"
+            assert states_of_results(cell) == left
+            assert committed_tool(cell) is None
+            assert list(cell.runs.iterdir()) == []
 
     run_virtual(main())
 
