@@ -22,6 +22,7 @@ SIGMA_M = 100.0
 SIGMA_RAD = 10.0
 SIGMA_PER_M = 1.0
 PAYLOAD_KG = 1e5
+FORCE_N = 1e6
 WHOLE = 2**53  # beyond it a number in JSON is not exact
 OBSERVATIONS = 20_000
 SAMPLES = 200_000
@@ -59,6 +60,7 @@ SigmaPx = Annotated[float, Field(ge=0.0), AtMost(SIGMA_PX, "px")]
 SigmaLength = Annotated[float, Field(ge=0.0), AtMost(SIGMA_M, "m")]
 SigmaAngle = Annotated[float, Field(ge=0.0), AtMost(SIGMA_RAD, "rad")]
 SigmaPerMetre = Annotated[float, Field(ge=0.0), AtMost(SIGMA_PER_M, "m/m")]
+Force = Annotated[float, AtMost(FORCE_N, "N")]
 Payload = Annotated[float, Field(ge=0.0), AtMost(PAYLOAD_KG, "kg")]
 Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Rotation = Annotated[list[Angle], Field(min_length=3, max_length=3)]

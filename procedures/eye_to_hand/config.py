@@ -1,9 +1,10 @@
 """What an integrator can set for an eye-to-hand check."""
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.formats.bounds import Pose
 from cell.formats.capture import CameraSigma
 from cell.formats.reading import Strict
 from procedures.hand_eye.config import ConeCaptureConfig
@@ -19,7 +20,6 @@ _SHARED = {
     "seek_timeout_s",
     "max_duration_s",
 }
-Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
 class CheckAcceptance(Strict):
@@ -36,7 +36,7 @@ class EyeToHandCheckConfig(Strict):
     """``[job.eye-to-hand-check]``."""
 
     target: str = Field(description="name of a [target.NAME] section; the target is on the flange")
-    T_marker_flange: Pose6 = Field(
+    T_marker_flange: Pose = Field(
         description="the flange in the target, from a drawing or measured: x, y, z (m), rotation vector (rad)"
     )
     place_sigma_t_m: float = Field(

@@ -1,23 +1,21 @@
 """What an integrator can set for the test of pose accuracy and repeatability."""
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from cell.formats.bounds import Point, Pose, Rotation
 from cell.formats.reading import Strict
 from procedures.laser_tracker.looking import Looking
-
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
 class Cube(Strict):
     """The test cube of the standard, its edges along the base's axes, and the flange's attitude in it."""
 
-    centre: Three = Field(description="of the cube, m in the base: where the reflector is at pose P1")
+    centre: Point = Field(description="of the cube, m in the base: where the reflector is at pose P1")
     edge_m: float = Field(gt=0, le=3.0, description="length of its edges")
-    R_base_flange: Three = Field(description="rotation vector of the flange, the same at all poses")
+    R_base_flange: Rotation = Field(description="rotation vector of the flange, the same at all poses")
     plane: Literal["+x", "-x", "+y", "-y"] = Field(
         default="+x", description="the poses lie on the diagonal plane that rises in this direction"
     )
@@ -27,9 +25,9 @@ class Iso9283Config(Looking):
     """``[job.iso9283]``: exactly one of ``cube`` and ``poses``."""
 
     reflector: str = Field(min_length=1, description="as the tracker's 'reflectors' name it")
-    point: Three = Field(description="the reflector in the flange, m")
+    point: Point = Field(description="the reflector in the flange, m")
     cube: Cube | None = Field(default=None, description="in which the poses of the test lie")
-    poses: list[Six] | None = Field(
+    poses: list[Pose] | None = Field(
         default=None, min_length=5, max_length=5, description="P1 ... P5 as T_base_flange, instead of a cube"
     )
     near: str = Field(default="home", description="pose in [poses] whose branch of the arm is used")
@@ -44,7 +42,7 @@ class Iso9283Config(Looking):
         default="fit",
         description="the tracker's place: the one that suits the poses best, or the calibration's",
     )
-    T_base_tracker_nominal: Six | None = Field(
+    T_base_tracker_nominal: Pose | None = Field(
         default=None, description="the tracker in the base, to 0.1 m and 2 deg; else a person points it"
     )
     window_s: float = Field(

@@ -9,15 +9,14 @@ from pydantic import Field, ValidationError, model_validator
 from calibration.tool_frame.geometry import MIN_CROSSING_RAD
 from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.errors import error
+from cell.formats.bounds import Direction
 from cell.formats.reading import Strict
+from cell.formats.robot import SixAngles
 from cell.poses import Array
 
 BEAMS = ("xs", "ys")
 MIN_ALONG_M = 0.04
 MAX_SLOPE = 0.02  # of the way across a beam, which is level
-
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
 class BeamSection(Strict):
@@ -28,7 +27,7 @@ class BeamSection(Strict):
         description="name of a [poses] entry: the tool beside the beam and above it, in the attitude of the "
         "measurement; it belongs to the tool and the fixture"
     )
-    across: Three = Field(description="direction of the way out across the beam, in base; level")
+    across: Direction = Field(description="direction of the way out across the beam, in base; level")
     distance_m: float = Field(gt=0.005, le=0.5, description="length of the way across")
     along_m: float = Field(
         default=0.05,
@@ -266,7 +265,7 @@ class LaserUpdateConfig(_Measured):
 class StoredBeam(BeamSection):
     """One beam in a reference: the auxiliary point as the joints it had then."""
 
-    q: Six
+    q: SixAngles
 
 
 class Search(SearchSection):

@@ -1,20 +1,20 @@
 """What an integrator can set for an insertion."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from calibration.slot.rack import Rack
+from cell.formats.bounds import Pose
 from cell.formats.reading import Strict
 
-Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 _ROOM_M = 0.005  # between a part that is carried and those that stand out of the rack
 
 
 class RackConfig(Strict):
     """The rack and how well its place is known. Slots are counted from 1 along x, then row by row along y."""
 
-    T_base_rack: Pose6 = Field(
+    T_base_rack: Pose = Field(
         description="the middle of the first slot's opening, z into the slots: m, and rotation vector (rad)"
     )
     rows: int = Field(default=1, ge=1, le=100, description="along y")
@@ -52,7 +52,7 @@ class PartConfig(Strict):
     width_m: float = Field(gt=0.001, le=1.0, description="along the slot's x")
     height_m: float = Field(gt=0.001, le=1.0, description="along its y")
     length_m: float = Field(gt=0.002, le=1.0, description="from front to back")
-    T_tool_part: Pose6 = Field(description="the part's front in the tool while it is gripped")
+    T_tool_part: Pose = Field(description="the part's front in the tool while it is gripped")
     sigma_m: float = Field(
         default=1e-4,
         ge=0,
@@ -70,7 +70,7 @@ class MarkerConfig(Strict):
     dictionary: str = Field(description="OpenCV's name, such as DICT_4X4_50 or DICT_APRILTAG_36h11")
     id: int = Field(ge=0, le=10000, description="of the marker at slot 1; that of slot n is id + n - 1")
     size_m: float = Field(gt=0.001, le=0.5, description="outer side of its black square")
-    T_slot_marker: Pose6 = Field(
+    T_slot_marker: Pose = Field(
         description="its middle in the slot's frame, y to its upper side, z out of it: m, and rotation "
         "vector (rad); a half turn about x for one that is upright where the slot's y points down"
     )
@@ -92,7 +92,7 @@ class MarkerConfig(Strict):
 class LookConfig(Strict):
     """From where a slot is looked at, and how."""
 
-    T_slot_camera: Pose6 = Field(
+    T_slot_camera: Pose = Field(
         default=[0.0, 0.0, -0.3, 0.0, 0.0, 0.0],
         description="the camera at the measuring look, in the slot's frame",
     )

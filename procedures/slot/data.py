@@ -5,22 +5,31 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from cell.formats.reading import Strict, parse, read_json
+from cell.formats.bounds import Force, Length, Pose, SigmaAngle, SigmaLength
+from cell.formats.capture import Camera
+from cell.formats.reading import Strict, parse, parse_part, read_json
 from cell.formats.robot import Robot, parse_robot
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.seeing import Look
 from procedures.slot.states import PartState
 
 DATA_FILE, SCHEMA = "slot.json", "cellward.slot/1"
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class BudgetShare(Strict):
+    """One cause (``block``) of a hand-eye's uncertainty: of its place, m, and its direction, rad."""
+
+    block: str
+    t: SigmaLength
+    r: SigmaAngle
 
 
 class HandEyeKnown(Strict):
     """The camera on the flange, its covariance, and the standard uncertainties by cause of its result."""
 
-    T_flange_camera: Six
-    cov: list[list[float]]
-    budget: list[dict[str, Any]] = Field(default_factory=list)
+    T_flange_camera: Pose
+    cov: Annotated[list[Pose], Field(min_length=6, max_length=6)]
+    budget: list[BudgetShare] = Field(default_factory=list)
 
 
 class LookTaken(Strict):
@@ -30,21 +39,21 @@ class LookTaken(Strict):
     """
 
     what: Literal["opening", "part"]
-    q: Six
-    T_base_camera: Six
-    T_base_slot: Six
-    sigma: Six
+    q: Pose
+    T_base_camera: Pose
+    T_base_slot: Pose
+    sigma: Pose
     colour: list[str]
     depth: list[str]
-    camera: dict[str, Any]
-    reach_m: float
+    camera: Camera
+    reach_m: Length
     looks: int = Field(default=1, ge=1)
 
     def look(self, folder: Path) -> Look:
         return Look(
             [folder / name for name in self.colour],
             [folder / name for name in self.depth],
-            self.camera,
+            self.camera.model_dump(),
             self.T_base_camera,
             self.T_base_slot,
             self.sigma,
@@ -57,8 +66,8 @@ class InsertionOutcome(Strict):
     """What became of it. ``travel_m`` of the part's front in the slot; ``reasons``: why it ended badly."""
 
     states: list[PartState] = Field(default_factory=lambda: [PartState.NONE])
-    travel_m: float | None = None
-    force_n: float | None = None
+    travel_m: Length | None = None
+    force_n: Force | None = None
     reasons: list[str] = Field(default_factory=list)
 
 
@@ -68,11 +77,11 @@ class SlotData(Strict):
     schema_: Annotated[Literal["cellward.slot/1"], Field(alias="schema")] = "cellward.slot/1"
     job: dict[str, Any]
     robot: dict[str, Any]
-    arm_rms_m: float | None
+    arm_rms_m: SigmaLength | None
     hand_eye: HandEyeKnown
-    T_flange_part: Six
+    T_flange_part: Pose
     look: LookTaken | None = None
-    insert_q: Six | None = None
+    insert_q: Pose | None = None
     outcome: InsertionOutcome = Field(default_factory=lambda: InsertionOutcome())
 
     def config(self) -> SlotInsertionConfig:
@@ -85,4 +94,7 @@ class SlotData(Strict):
 def read_data_set(path: Path) -> tuple[SlotData, Path]:
     """A run's data set and its folder, from either; raises an ``InputError``."""
     file = path / DATA_FILE if path.is_dir() else path
-    return parse(SlotData, read_json(file), SCHEMA, str(file)), file.parent
+    data = parse(SlotData, read_json(file), SCHEMA, str(file))
+    parse_part(SlotInsertionConfig, data.job, f"{file}: job")
+    parse_robot(data.robot, f"{file}: robot")
+    return data, file.parent

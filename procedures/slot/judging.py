@@ -17,7 +17,7 @@ from cell.errors import present
 from cell.formats.result import Result, Verdict
 from cell.poses import Array, from_pose6, log_xi, to_pose6
 from procedures.slot.config import SlotInsertionConfig
-from procedures.slot.data import InsertionOutcome, LookTaken, SlotData, read_data_set
+from procedures.slot.data import BudgetShare, InsertionOutcome, LookTaken, SlotData, read_data_set
 from procedures.slot.marking import marker_of
 from procedures.slot.result import (
     BudgetRow,
@@ -111,9 +111,9 @@ def _split(cov: Array) -> tuple[Array, Array]:
     return direction, cov - direction
 
 
-def _board_share(budget: list[dict[str, Any]]) -> float:
+def _board_share(budget: list[BudgetShare]) -> float:
     """What of the variance of a hand-eye's place its target is to blame for."""
-    squares = {row["block"]: float(row["t"]) ** 2 for row in budget}
+    squares = {row.block: row.t**2 for row in budget}
     total = sum(squares.values())
     return squares.get(_TARGET_BLOCK, 0.0) / total if total > 0.0 else 0.0
 

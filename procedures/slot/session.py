@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import ArmState, Speed
 from cell.errors import error, present
+from cell.formats.capture import Camera
 from cell.motion import MotionLease
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Run
@@ -300,12 +301,9 @@ class InsertionRun:
                 sigma=sigma,
                 colour=[colour.name for colour, _ in pictures],
                 depth=[depth.name for _, depth in pictures],
-                camera={
-                    "width": camera.width,
-                    "height": camera.height,
-                    "K": list(camera.K),
-                    "dist": list(camera.dist),
-                },
+                camera=Camera(
+                    width=camera.width, height=camera.height, K=list(camera.K), dist=list(camera.dist)
+                ),
                 reach_m=reach_m,
                 looks=2 if state is S.MEASURE else 1,
             )

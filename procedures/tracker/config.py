@@ -8,12 +8,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calibration.identification.selection import RULE_POSES
+from cell.formats.bounds import Direction, Point, Pose
 from cell.formats.reading import Strict
 from procedures.laser_tracker.looking import Looking
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
 LEAST_WITH_SET = 3  # monuments: fewer do not show every way in which a stand can move
@@ -22,8 +21,10 @@ LEAST_WITH_SET = 3  # monuments: fewer do not show every way in which a stand ca
 class Reflector(Strict):
     """A reflector on the flange. Its name is the one of ``[device.NAME] reflectors``."""
 
-    point: Three = Field(description="m, in the flange; to about 20 mm, it is measured too")
-    normal: Three | None = Field(default=None, description="where it looks, in the flange; else everywhere")
+    point: Point = Field(description="m, in the flange; to about 20 mm, it is measured too")
+    normal: Direction | None = Field(
+        default=None, description="where it looks, in the flange; else everywhere"
+    )
     half_angle_rad: float = Field(
         default=0.45, gt=0, le=np.pi, description="that the beam may come off normal; leave some room"
     )
@@ -38,7 +39,7 @@ class Reflector(Strict):
 class Monument(Strict):
     """A reflector that is fixed to the floor or the base: it shows whether the tracker's stand moves."""
 
-    point: Three = Field(description="m, in the base; to about 50 mm, its place is measured first")
+    point: Point = Field(description="m, in the base; to about 50 mm, its place is measured first")
 
 
 class SightLimits(Strict):
@@ -102,7 +103,7 @@ class TrackerSamplingConfig(Looking):
         le=0.1,
         description="a monument further off than this, and than noise, moved",
     )
-    T_base_tracker_nominal: Six | None = Field(
+    T_base_tracker_nominal: Pose | None = Field(
         default=None,
         description="the tracker in the base, to its window of search; else the job asks",
     )

@@ -10,8 +10,8 @@ import pytest
 from cell.poses import Array, to_pose6
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.data import HandEyeKnown, LookTaken, SlotData
+from procedures.slot.judging import BOARD, CAMERA, MeasuredSlot, measure
 from procedures.slot.judging import MARKER as ROW
-from procedures.slot.judging import MeasuredSlot, measure
 from procedures.slot.marking import marker_problem
 from tests.kit.slot_cell import HAND_EYE_COV
 from tests.kit.slot_scene import KNOWN, MARKER, Picture, look_at
@@ -22,7 +22,7 @@ JOB = {**MARKER.model_dump(), "sigma_m": PLACE_M, "sigma_rad": 0.0}
 Q = [-0.53, -1.57, 2.16, -2.16, -1.57, -0.53]
 
 
-def measured(picture: Picture, folder: Path, **job: Any) -> MeasuredSlot:
+def measured(picture: Picture, folder: Path, budget: Any = (), **job: Any) -> MeasuredSlot:
     """What a look with this picture measures of slot 1, the camera's frame as the base."""
     cv2.imwrite(str(folder / "look.png"), picture.colour)
     camera = picture.camera
@@ -37,7 +37,9 @@ def measured(picture: Picture, folder: Path, **job: Any) -> MeasuredSlot:
         camera={"width": camera.width, "height": camera.height, "K": camera.K, "dist": camera.dist},
         reach_m=0.012,
     )
-    hand_eye = HandEyeKnown(T_flange_camera=[0.0, -0.08, 0.05, 0.0, 0.0, 0.0], cov=HAND_EYE_COV.tolist())
+    hand_eye = HandEyeKnown(
+        T_flange_camera=[0.0, -0.08, 0.05, 0.0, 0.0, 0.0], cov=HAND_EYE_COV.tolist(), budget=budget
+    )
     data = SlotData(
         job=section(slot=1, **job),
         robot={"model": "ur10e"},
@@ -64,6 +66,15 @@ def test_marker_and_edges_find_the_same_slot_and_the_markers_place_is_in_the_bud
     assert rows[ROW] == pytest.approx(2.4477 * PLACE_M, rel=0.2)
     assert ROW not in {row.source for row in by_edges.budget.by_source}
     assert by_marker.budget.predicted_95_m > by_edges.budget.predicted_95_m
+
+
+def test_what_the_hand_eye_owes_to_its_board_stands_apart(tmp_path: Path) -> None:
+    picture = look_at(1, np.random.default_rng(5), marked=True)
+    causes = [{"block": "target", "t": 3e-4, "r": 0.0}, {"block": "noise", "t": 4e-4, "r": 0.0}]
+    found = measured(picture, tmp_path, causes).budget
+    assert found is not None
+    rows = {row.source: row.error95_m for row in found.by_source}
+    assert rows[BOARD] / rows[CAMERA] == pytest.approx(0.75)
 
 
 def test_the_place_of_a_marker_is_in_what_check_says_is_left_open() -> None:
