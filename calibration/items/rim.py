@@ -2,7 +2,8 @@
 
 Across the rim the picture goes from the face's colour to the belt's, on the sides that the camera sees by way
 of the item's side, a strip whose width is known from the item's height. The edge is found from the area under
-that profile, so neither the lens nor motion during the exposure, which blur both ways alike, move it.
+that profile, so neither the lens nor motion during the exposure, which blur both ways alike, move it. A
+smear longer than the profile is seen only in part, and then the edge is the less sure the longer it is.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.items.silhouette import Sides, sides_of, straightened, strip_widths, with_corners
-from calibration.items.strip import Shade, about_middle, blur_of, shade_of
+from calibration.items.strip import Shade, about_middle, blur_of, shade_of, smear_of
 from cell.poses import Array
 
 _POINTS = 160  # along the rim
@@ -36,6 +37,7 @@ _UNSEEN_SIDE_PX = 5.0  # of a whole side: depth is fat there, or a hole has cut 
 _SEEN_SHARE = 0.3  # of a side's points, that make it one that colour shows
 _WIDTH_PX = 0.15  # of a strip's width, by errors of height and attitude
 _SYSTEMATIC_PX = 0.15  # of each side, on drawn boxes
+_WHOLE_PX, _SMEARED = 4.0, 0.15  # a smear that a profile holds; the error by each pixel that it is longer
 
 Foot = Callable[[Array], Array]
 
@@ -93,7 +95,7 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     rise = np.einsum("nsc,nc->ns", seen - own[:, None], way)
     middle, last = _middle(s, rise, side)
     plain = (contrast > _LEAST_CONTRAST) & (np.abs(last - 1.0) < _OTHER) & ~corner & (alone | wide)
-    shade, doubt = _shades(s, rise, side, middle, normal, np.where(plain, sides, -1))
+    shade, doubt, smear = _shades(s, rise, side, middle, normal, np.where(plain, sides, -1))
     shift = middle - side * (1.0 - shade)
     good = plain & (np.abs(shift) < _FARTHEST)
     if good.mean() < _FEWEST:
@@ -105,7 +107,8 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     shift = np.where(good & (np.abs(off) < 4.0 * spread), shift, smooth)
     points = start + shift[:, None] * normal
     strip = np.where(side > _HIDDEN, np.hypot(side * doubt, _WIDTH_PX * (1.0 - shade)), 0.0)
-    unsure = np.where(good | corner, np.hypot(strip, _SYSTEMATIC_PX), _UNSEEN_PX)
+    cut = np.hypot(_SYSTEMATIC_PX, _SMEARED * np.maximum(smear - _WHOLE_PX, 0.0))
+    unsure = np.where(good | corner, np.hypot(strip, cut), _UNSEEN_PX)
     for k in np.unique(sides[sides >= 0]):
         if np.mean(good[sides == k]) < _SEEN_SHARE:
             unsure[sides == k] = _UNSEEN_SIDE_PX
@@ -152,32 +155,38 @@ def _each_side(values: Array, sides: Sides) -> Array:
 
 def _shades(
     s: Array, rise: Array, side: Array, middle: Array, normal: Array, sides: Sides
-) -> tuple[Array, Array]:
-    """How far each side's colour is on the way from the face's to the belt's (n,), and how unsure that is.
+) -> tuple[Array, Array, Array]:
+    """How far each side's colour is on the way from the face's to the belt's (n,), how unsure that is, and
+    over how many pixels the edge is smeared.
 
-    Sides that are not seen show the blur, which is the same on the side across.
+    Sides that are not seen show blur and smear, which are the same on the side across.
     """
-    shade, doubt = np.zeros(len(side)), np.zeros(len(side))
+    shade, doubt, smear = np.zeros((3, len(side)))
     widths = {int(k): float(np.max(side[sides == k])) for k in np.unique(sides[sides >= 0])}
-    blurs: list[tuple[Array, float]] = []
+    blurs: list[tuple[Array, float, float]] = []
     for k, width in sorted(widths.items(), key=lambda pair: pair[1]):
         own = sides == k
         way = np.mean(normal[own], axis=0)
-        across = [blur for n, blur in blurs if abs(float(n @ way)) > _ACROSS]
+        across = [blur for n, *blur in blurs if abs(float(n @ way)) > _ACROSS]
         found = Shade()
         if width < _HIDDEN:
-            blurs.append((way, blur_of(about_middle(s, rise[own], middle[own], 0.0))))
+            edge = about_middle(s, rise[own], middle[own], 0.0)
+            blurs.append((way, blur_of(edge), smear_of(edge)))
+            smear[own] = blurs[-1][2]
         else:
             broad = own & (side > _BROAD * width)  # at its end a strip may be cut
             usual = float(np.median(side[broad]))
             profile = about_middle(s, rise[broad], middle[broad], usual)
-            found = shade_of(profile, usual, across[0] if across else None)
+            found = shade_of(profile, usual, across[0][0] if across else None)
+            smear[own] = across[0][1] if across else 0.0
         shade[own], doubt[own] = found.mean, found.sigma
     known = sides >= 0
     if known.any() and not known.all():
         at = np.arange(len(side))
-        shade, doubt = (np.interp(at, at[known], v[known], period=len(at)) for v in (shade, doubt))
-    return shade, doubt
+        shade, doubt, smear = (
+            np.interp(at, at[known], v[known], period=len(at)) for v in (shade, doubt, smear)
+        )
+    return shade, doubt, smear
 
 
 def _sigma(points: Array, normal: Array, unsure: Array, sides: Sides, spread: float) -> float:

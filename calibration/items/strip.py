@@ -21,6 +21,7 @@ _BLURS = np.linspace(0.5, 2.5, 21)  # px
 _NEAR = np.linspace(-0.12, 0.12, 5)  # px about a blur that the other side of the item shows
 _SURE_PX = 0.06  # of it
 _STEP = 0.5  # px
+_FLATTEST = 0.05  # rise in 2 px; what is flatter is as unsure
 _INDEPENDENT = 0.4  # of the samples of a profile; pixels are interpolated between
 _NOISE = 0.004  # of the whole rise, at least: no edge is a sum of two Gaussians to the last
 
@@ -68,6 +69,13 @@ def blur_of(profile: Array) -> float:
     fine = np.linspace(_BLURS[0], _BLURS[-1], 5 * len(_BLURS))
     misfit = np.sum((ndtr(_places(0.0) / fine[:, None]) - profile) ** 2, axis=1)
     return float(fine[int(np.argmin(misfit))])
+
+
+def smear_of(profile: Array) -> float:
+    """How long, px, an even smear is that rises as steeply as such an edge does at its middle."""
+    u = _places(0.0)
+    rise = profile[np.abs(u - 1.0) < 0.5 * _STEP] - profile[np.abs(u + 1.0) < 0.5 * _STEP]
+    return 2.0 / max(float(rise[0]), _FLATTEST)
 
 
 def about_middle(s: Array, rise: Array, middle: Array, width: float) -> Array:

@@ -26,14 +26,12 @@ from fakes.frames.faults import FrameFaults
 from fakes.frames.plates import make_plate
 from fakes.frames.rack_view import RackView
 from fakes.frames.render import Optics, Picture, Renderer
+from fakes.world.camera.exposure import Exposure, times_in
 from fakes.world.scenario import Scenario
 from fakes.world.world import Message, World
 
 # The world's changes come through a pipe; a scene is looked at when those up to its time have arrived.
 _MIRROR_LAG_S = 0.012
-_BLUR_FROM_RAD = 0.0004  # a third of a pixel: below that a moving camera's exposure is one instant
-_BLUR_FROM_M = 0.0002
-_SUB_EXPOSURES = 3
 # An autofocus at work: the focal lengths that ARKit tells differ by 0.27 % within one recording
 # (github.com/zju3dv/NeuralRecon issue 101); how fast, and over which positions, is an assumption.
 _BREATHES, _LENS_STEPS, _BREATH_S = 0.00135, 8, 7.0
@@ -155,10 +153,11 @@ class FrameServer:
 
     def _expose(self, seq: int, t: float) -> None:
         """Wait for the exposure around ``t`` to end, draw it, and hand it over after the camera's latency."""
-        self._wait_until(t + self._readout_s + max(0.5 * self._camera.exposure_s, _MIRROR_LAG_S))
-        picture = self._focused(self._picture(t, seq), t)
+        exposure = self._camera.exposure(self.faults.gain)
+        self._wait_until(t + self._readout_s + max(0.5 * exposure.time_s, _MIRROR_LAG_S))
+        picture = self._focused(self._picture(t, seq, exposure), t)
         self._wait_until(t + self._camera.latency_s + self.faults.delay_s)
-        data = self._encoded(seq, self._stamp(t), picture, self._lens_position(t))
+        data = self._encoded(seq, self._stamp(t), exposure.time_s, picture, self._lens_position(t))
         if self.faults.silent:
             return
         if self.faults.freeze and self._last is not None:
@@ -192,21 +191,22 @@ class FrameServer:
         """Where in its range the lens is, -1 to 1."""
         return float(np.sin(2.0 * np.pi * t / _BREATH_S))
 
-    def _picture(self, t: float, seq: int) -> Picture:
-        """What the camera sees; of a rack only while no board stands in the cell, which would cover it."""
-        half = 0.5 * self._camera.exposure_s
-        times = [t]
+    def _picture(self, t: float, seq: int, exposure: Exposure) -> Picture:
+        """What the camera sees; of a rack only while no board stands in the cell, which would cover it.
+
+        What moves is smeared over the exposure, each part of it by the rows on which it lies. A rack is
+        drawn at ``t`` alone: it is looked at by an arm at rest.
+        """
         with self._lock:
             rack = self._rack if self.world.operator.placement_at(t) is None else None
             T_base_camera = self.world.scene(t).T_base_camera
         if rack is not None:  # drawn without the lock, for it takes longer than set-points may wait
             return Picture(*rack.drawn(T_base_camera, t, seq))
         with self._lock:
-            if self._moves(t - half, t + half):
-                times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
+            times = times_in(t, exposure.time_s, self._smear_px(t, exposure.time_s)).tolist()
             poses = [None if self.faults.lost_board else self._target(k) for k in times]
             boxes = boxes_seen(self.world, times)
-        return self._renderer.render(poses, self.faults.gain, boxes)
+        return self._renderer.render(poses, exposure.gain, boxes)
 
     def _target(self, t: float) -> RigidTransform | None:
         """The target as the row on which its origin lies sees it in the picture that begins at ``t``."""
@@ -215,25 +215,29 @@ class FrameServer:
             return seen
         return self.world.scene(t + float(self._camera.row_delay_s(seen.translation))).T_camera_target
 
-    def _moves(self, t0: float, t1: float) -> bool:
-        """Whether the target, or the belt, moves visibly in the image between the two times."""
-        belt = self.world.belt
-        if belt is not None and abs(belt.travel_at(t1) - belt.travel_at(t0)) > _BLUR_FROM_M:
-            return True
-        a, b = (self.world.scene(t).T_camera_target for t in (t0, t1))
-        if a is None or b is None:
-            return False
-        turn = (a.rotation.inv() * b.rotation).magnitude()
-        shift = np.linalg.norm(a.translation - b.translation) / max(a.translation[2], 0.1)
-        return bool(turn + shift > _BLUR_FROM_RAD)
+    def _smear_px(self, t: float, time_s: float) -> float:
+        """How far the target, or the belt, moves in the image during the exposure around ``t``."""
+        ends, moved = (t - 0.5 * time_s, t + 0.5 * time_s), 0.0
+        scenes = [self.world.scene(k) for k in ends]
+        if (belt := self.world.belt) is not None:
+            above = (belt.T_base_belt.inv() * scenes[0].T_base_camera).translation[2]
+            moved = abs(belt.travel_at(ends[1]) - belt.travel_at(ends[0])) / max(float(above), 0.1)
+        a, b = (scene.T_camera_target for scene in scenes)
+        if a is not None and b is not None:
+            turn = (a.rotation.inv() * b.rotation).magnitude()
+            shift = np.linalg.norm(a.translation - b.translation) / max(a.translation[2], 0.1)
+            moved = max(moved, float(turn + shift))
+        return self._camera.K[0] * moved
 
-    def _encoded(self, seq: int, t: float, picture: Picture, lens_position: int | None) -> bytes:
+    def _encoded(
+        self, seq: int, t: float, exposure_s: float, picture: Picture, lens_position: int | None
+    ) -> bytes:
         camera = self._camera
         header = json.dumps(
             {
                 "seq": seq,
                 "t_exposure": t,
-                "exposure_s": camera.exposure_s,
+                "exposure_s": exposure_s,
                 "row_time_s": camera.row_time_s,
                 "lens_position": lens_position,
                 "width": camera.width,

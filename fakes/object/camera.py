@@ -43,13 +43,14 @@ class ObjectCamera(ObjectDevice):
         self.config = config
         self.world = self._cell.world
         truth = self.world.camera
+        self._exposure_s = truth.exposure().time_s
         self.frames: LazyStream[Frame] = LazyStream(
             f"{name}.frames",
             clock,
             truth.period_s,
             self._expose,
-            dt=truth.exposure_s / 2.0,
-            delay_s=truth.exposure_s / 2.0 + truth.row_time_s * truth.height + truth.latency_s,
+            dt=self._exposure_s / 2.0,
+            delay_s=self._exposure_s / 2.0 + truth.row_time_s * truth.height + truth.latency_s,
             keep=512,
         )
         self.stream = self.frames
@@ -117,7 +118,7 @@ class ObjectCamera(ObjectDevice):
         return Frame(
             seq=tick,
             t_exposure=t + camera.stamp_jitter_s * float(jitter),
-            exposure_s=camera.exposure_s,
+            exposure_s=self._exposure_s,
             intrinsics=self.world.told_intrinsics,
             board=self.head.view(exposed, number, self._target),
             serial=self.head.serial,

@@ -13,6 +13,7 @@ from fakes.world.camera.truth import CameraTruth
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
 _SIGMA_STEREO_M = 0.0003  # with depth of a stereo pair; bench.items_stereo shows less
+_WHOLE_PX, _SMEARED = 4.0, 0.1  # a smear that does no harm; by each pixel more, of the middle along the belt
 _RIM_PX = 5.0
 _LOOK_M = 1.2  # along the belt, each way from below the camera
 
@@ -22,6 +23,8 @@ def items_seen(
 ) -> tuple[ItemView, ...]:
     """Those that lie wholly in the picture and are what ``spec`` (``ItemSpec`` as a table) asks for."""
     T_camera_base, normal = T_base_camera.inv().as_matrix(), np.array(spec["normal"], dtype=float)
+    moves, half = T_camera_base[:3, :3] @ items.belt.T_base_belt.as_matrix()[:3, 0], 0.5 * look.exposure_s
+    smear_m = abs(items.belt.travel_at(t + half) - items.belt.travel_at(t - half))
     below = float(items.belt.T_base_belt.inv().apply(T_base_camera.translation)[0])
     found = []
     for number in items.numbers(t, below - _LOOK_M, below + _LOOK_M):
@@ -48,6 +51,9 @@ def items_seen(
         off = sigma * rng.standard_normal(3)
         turn = _SIGMA_RAD * rng.standard_normal()
         axis = top[:3, :3] @ [np.cos(turn), np.sin(turn), 0.0]
+        smeared = _SMEARED * max(smear_m - _WHOLE_PX * middle[2] / look.camera.K[0], 0.0)
+        off = off + smeared * rng.standard_normal() * moves
+        sigma = float(np.hypot(sigma, smeared))
         length, width = sorted(size_m[:2], reverse=True)
         found.append(ItemView(middle + off, axis, (length, width), height, sigma))
     return tuple(found)
@@ -59,6 +65,7 @@ class Look:
     def __init__(self, project: Any, camera: CameraTruth, seed: int, tick: int) -> None:
         self._project, self._size = project, np.array([camera.width, camera.height], dtype=float)
         self.camera, self.seed, self.tick = camera, seed, tick
+        self.exposure_s = camera.exposure().time_s
 
     def holds(self, points: Array) -> bool:
         """Whether all of ``points`` (n, 3) are in the picture."""

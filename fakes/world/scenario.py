@@ -40,6 +40,7 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
         "noise_grey",
         "blur_px",
         "autofocus",
+        "auto_exposure",
     ),
     "io": ("filter_s", "scan_s"),
     "belt": ("jitter_s", "by_events"),

@@ -10,6 +10,7 @@ from calibration.items import ItemDetector, ItemSpec
 from cell.devices import Intrinsics
 from fakes.frames.boxes import Box, BoxPainter
 from fakes.frames.render import pixel_rays
+from fakes.world.camera.exposure import times_in
 
 CAMERA = Intrinsics(1280, 800, (802.4, 801.7, 644.2, 396.8), (0.021, -0.043, 0.0006, -0.0004, 0.0))
 T_BASE_CAMERA = RigidTransform.from_components(
@@ -53,14 +54,15 @@ class Scene:
         speed_m_s: float = 0.0,
         size: tuple[float, float, float] = SIZE,
         colour: tuple[float, float, float] = ORANGE,
+        exposure_s: float = 0.008,
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Colour and depth of an exposure of 8 ms in whose middle the boxes are where they are said to be."""
+        """Colour and depth of an exposure in whose middle the boxes are where they are said to be."""
         picture = np.full((CAMERA.height, CAMERA.width, 3), BELT_GREY, np.uint8)
         slope = self.rays @ self.normal.astype(np.float32)
         depth = (1000.0 * self.offset_m / slope).astype(np.float32)
         looks = [
             [self._box(x + speed_m_s * dt, y, yaw, size, colour) for x, y, yaw in boxes]
-            for dt in np.linspace(-0.004, 0.004, 5)
+            for dt in times_in(0.0, exposure_s, 1e3 * abs(speed_m_s) * exposure_s)  # a pixel is a millimetre
         ]
         self._painter.paint(picture, depth, looks)
         noisy = picture + self._rng.normal(0.0, 2.0, picture.shape)

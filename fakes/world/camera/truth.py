@@ -11,6 +11,7 @@ from cell.devices import Intrinsics
 from cell.formats.reading import Strict
 from cell.poses import Array
 from fakes.world.arm.truth import Six
+from fakes.world.camera.exposure import AutoExposureTruth, Exposure
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 _MODELS = (0, 4, 5, 8, 12, 14)
@@ -68,7 +69,8 @@ class CameraTruth(Strict):
     )
     depth: bool = Field(default=True, description="false: a camera that gives colour alone, as an OAK-1")
     stereo: StereoTruth | None = Field(default=None, description="absent: depth with a millimetre of noise")
-    exposure_s: float = Field(default=0.008, gt=0, le=1)
+    exposure_s: float = Field(default=0.008, gt=0, le=1, description="fixed, where it is not automatic")
+    auto_exposure: AutoExposureTruth | None = Field(default=None, description="by the light; absent: fixed")
     period_s: float = Field(default=0.1, gt=0, le=10)
     latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
     grey: float = Field(default=120.0, ge=0, le=255)
@@ -91,6 +93,12 @@ class CameraTruth(Strict):
         """
         rows = self.K[1] * points[..., 1] / points[..., 2] + self.K[3]
         return np.asarray(self.row_time_s * np.clip(rows, 0.0, self.height))
+
+    def exposure(self, light: float = 1.0) -> Exposure:
+        """What a frame is exposed with in ``light`` times the light of the scene."""
+        if self.auto_exposure is None:
+            return Exposure(self.exposure_s, light)
+        return self.auto_exposure.exposure(self.period_s, light)
 
     def true_lens(self) -> Intrinsics:
         """Intrinsics that make the pictures."""

@@ -182,3 +182,19 @@ def test_a_larger_thing_in_the_margin_of_a_window_is_not_taken_for_the_item() ->
     assert (whole.sum(), whole[:20].any()) == (16 * 16, False)
     away[12:28, 55:60] = 100.0  # they lie against each other
     assert silhouette(away, 20) is None
+
+
+def test_a_smear_longer_than_what_is_looked_at_of_an_edge_makes_a_place_less_sure(
+    scene: Scene,
+) -> None:
+    subject = scene.detector(height_m=0.03)
+    place = (0.05, -0.6, 0.3)
+    says = {}
+    for speed in (0.0, 0.1):
+        colour, _ = scene.picture([place], speed_m_s=speed, exposure_s=0.1)
+        (item,) = subject.find(colour, None)
+        off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - place[:2]))
+        assert off < 2.448 * item.sigma_m
+        says[speed] = item.sigma_m
+    assert says[0.0] < 0.00015
+    assert says[0.1] > 2.0 * says[0.0]

@@ -242,9 +242,9 @@ def test_a_rack_is_seen_where_no_board_stands_before_it(path: Path) -> None:
     world_config = scenario.world.model_copy(update={"camera": camera})
     subject = FrameServer(World(world_config, 0.0), str(path))
     try:
-        with_board = subject._picture(1.0, 1)
+        with_board = subject._picture(1.0, 1, camera.exposure())
         subject.world.operator.remove(2.0)
-        with_rack = subject._picture(3.0, 2)
+        with_rack = subject._picture(3.0, 2, camera.exposure())
         assert subject.world.rack is not None
         expected = RackView(subject.world, subject.world.rack).picture(3.0, 2)
     finally:
