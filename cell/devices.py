@@ -392,6 +392,7 @@ class TrackerState:
     point: Array | None  # (3,) of the reflector's centre in the tracker frame, m
     locked: bool
     status: str = ""  # in the instrument's words, when something is not as it should be
+    rotation: Array | None = None  # (3,) rotation vector of a six-degree target in the tracker frame, rad
 
 
 @dataclass(frozen=True)
@@ -407,6 +408,11 @@ class StablePoint:
     pressure_pa: float | None = None
     warnings: tuple[str, ...] = ()  # codes and words of what the instrument doubts; the point is valid
     sigma_m: float | None = None  # along one axis, where the sender states it of this very point
+    rotation: Array | None = None  # (3,) rotation vector of a six-degree target, rad; kept, and not used
+
+    def kept_rotation(self) -> dict[str, list[float]]:
+        """``rotation`` as an entry of a data set's sample; empty where the sender gives none."""
+        return {} if self.rotation is None else {"rotation": [float(v) for v in self.rotation]}
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from cell.formats.bounds import (
     Payload,
     Point,
     Pose,
+    Rotation,
     Stamp,
     Whole,
 )
@@ -35,7 +36,8 @@ class IsoPose(Strict):
 class IsoSample(Strict):
     """One arrival at rest; ``cycle`` counts from 1, 0 for a pose that only locates the tracker.
 
-    ``warnings`` are what the instrument said of its readings.
+    ``warnings`` are what the instrument said of its readings. ``rotation``, of a six-degree target in the
+    tracker frame, is kept and not used.
     """
 
     pose: str
@@ -45,6 +47,7 @@ class IsoSample(Strict):
     scatter_m: Length | None = None
     count: Whole | None = None
     warnings: list[str] = Field(default_factory=list)
+    rotation: Rotation | None = None
 
 
 class IsoKinematics(Strict):

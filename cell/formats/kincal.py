@@ -1,8 +1,10 @@
 """``cellward.kincal/1``: joints of an arm and where a laser tracker saw reflectors on its flange.
 
-Four extensions of the format that runs use: a sample may have its own ``index``, its time ``t``, and
-``scatter_m``, the spread of the readings that were averaged; ``noise`` may have ``sigma_constant``.
-``p_tracker`` may be null: the beam was broken.
+Five extensions of the format that runs use: a sample may have its own ``index``, its time ``t``, and
+``scatter_m``, the spread of the readings that were averaged, and a ``rotation``; ``noise`` may have
+``sigma_constant``.
+``p_tracker`` may be null: the beam was broken. ``rotation`` is the rotation vector (rad) of a six-degree
+target in the tracker frame; it is kept and not used.
 """
 
 from typing import Annotated, Any
@@ -16,6 +18,7 @@ from cell.formats.bounds import (
     Length,
     LengthOrAngle,
     Payload,
+    Rotation,
     SigmaLength,
     SigmaPerMetre,
     Stamp,
@@ -56,6 +59,7 @@ class KincalSample(Strict):
     index: Whole | None = None
     t: Stamp | None = None
     scatter_m: Length | None = None
+    rotation: Rotation | None = None
     notes: Any = None
 
 

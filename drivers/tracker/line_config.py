@@ -10,7 +10,9 @@ from drivers.tracker.config import TrackerConfig, TrackerSection
 
 CARTESIAN, POLAR = ("x", "y", "z"), ("hz", "v", "range")
 STATED = ("sigma", "u95")
-FIELDS = (*CARTESIAN, *POLAR, *STATED, "valid", "temperature_c", "pressure_pa", "pressure", "serial")
+QUATERNION = ("qw", "qx", "qy", "qz")  # of a six-degree target; qw is the scalar
+_OTHERS = ("valid", "temperature_c", "pressure_pa", "pressure", "serial")
+FIELDS = (*CARTESIAN, *POLAR, *STATED, *QUATERNION, *_OTHERS)
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 _PLAIN: list[Axis] = ["x", "y", "z"]
 
@@ -44,8 +46,8 @@ class LineStreamConfig(TrackerConfig):
     pattern: str | None = Field(
         default=None,
         description="Regular expression that a whole line matches, with groups named x, y, z or hz, v, range,"
-        ' and perhaps valid, temperature_c, pressure_pa or pressure, serial; with driver = "line-points"'
-        " sigma or u95, too",
+        " and perhaps valid, temperature_c, pressure_pa or pressure, serial, and qw, qx, qy, qz of a six-"
+        'degree target; with driver = "line-points" sigma or u95, too',
     )
     columns: dict[str, int] | None = Field(
         default=None, description="The same names with the number of their column, counted from 1"
@@ -161,6 +163,10 @@ class LineStreamConfig(TrackerConfig):
         if {"pressure", "pressure_pa"} <= fields:
             raise ValueError("a line gives pressure or pressure_pa, not both")
         self._check_stated(fields)
+        if 0 < len(turned := fields & set(QUATERNION)) < len(QUATERNION):
+            raise ValueError(f"'{min(turned)}' is of a rotation: give qw, qx, qy and qz, or none of them")
+        if turned and self.left_handed:
+            raise ValueError("qw, qx, qy and qz have no meaning in a left_handed frame; take them out")
         if polar and (self.left_handed or self.axes != _PLAIN):
             raise ValueError(
                 "axes and left_handed are for x, y, z; horizontal and vertical say it for angles"

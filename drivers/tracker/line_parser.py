@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cell.poses import Array
 from drivers.tracker.frames import from_mathematical, from_station
-from drivers.tracker.line_config import CARTESIAN, STATED, LineStreamConfig
+from drivers.tracker.line_config import CARTESIAN, QUATERNION, STATED, LineStreamConfig
 
 _METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 _PASCALS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "mmHg": 133.322, "inHg": 3386.389}
 _LEAST_PA, _MOST_PA = 40_000.0, 115_000.0  # above the highest settlements, and below the Dead Sea
+_UNIT = 1e-3  # by which a quaternion may be longer or shorter than 1: some are written with few digits
 _RADIANS = {"rad": 1.0, "deg": math.pi / 180, "gon": math.pi / 200}
 
 
@@ -30,6 +32,7 @@ class Parsed:
     temperature_c: float | None = None
     pressure_pa: float | None = None
     sigma_m: float | None = None  # along one axis, as the sender states it of this very point
+    rotation: Array | None = None  # (3,) rotation vector of a six-degree target, rad
 
 
 class LineParser:
@@ -67,7 +70,9 @@ class LineParser:
         distance = math.hypot(*point)
         if not config.min_range_m <= distance <= config.max_range_m:
             return Parsed(None, f"a point at {distance:g} m is no point", *air)
-        return Parsed(point * (1.0 + constant_m / distance), "", *air, self._sigma(found))
+        return Parsed(
+            point * (1.0 + constant_m / distance), "", *air, self._sigma(found), self._rotation(found)
+        )
 
     def _fields(self, text: str) -> Mapping[str, str]:
         if self._pattern is not None:
@@ -93,6 +98,19 @@ class LineParser:
         if self._config.horizontal == "clockwise":
             return from_station(hz, v if self._config.vertical == "zenith" else math.pi / 2 - v, distance)
         return from_mathematical(hz, v if self._config.vertical == "elevation" else math.pi / 2 - v, distance)
+
+    def _rotation(self, found: Mapping[str, str]) -> Array | None:
+        """Of the target, by the unit quaternion that a line gives; in the axes of the point's coordinates."""
+        if "qw" not in found:
+            return None
+        quaternion = [self._number(found, name) for name in QUATERNION]
+        if abs(math.hypot(*quaternion) - 1.0) > _UNIT:
+            raise BadLine(f"its rotation is no unit quaternion, but {math.hypot(*quaternion):.4g} long")
+        to_tracker = np.zeros((3, 3))
+        for row, (index, sign) in enumerate(self._axes):
+            to_tracker[row, index] = sign
+        turned = Rotation.from_matrix(to_tracker) * Rotation.from_quat(quaternion, scalar_first=True)
+        return np.asarray(turned.as_rotvec())
 
     def _sigma(self, found: Mapping[str, str]) -> float | None:
         """Half of an uncertainty of 95 %, where that is what the sender states."""

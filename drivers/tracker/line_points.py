@@ -91,7 +91,9 @@ class LinePointTracker(LineStreamTracker):
                 f"{self.name} states a standard deviation of {1e3 * sigma_m:.3f} mm for its point; the limit "
                 f"is {1e3 * max_scatter_m:.3f} mm",
             )
-        point = StablePoint(sample.value.point, 0.0, 1, 2.0 * sample.dt, *self._air(), (), sigma_m)
+        point = StablePoint(
+            sample.value.point, 0.0, 1, 2.0 * sample.dt, *self._air(), (), sigma_m, sample.value.rotation
+        )
         return Sample(point, sample.t, sample.dt, sample.seq)
 
     def _ask(self) -> float:

@@ -152,7 +152,7 @@ class LineStreamTracker(SampledDevice):
                 sample = await found.next(min(left, patience))
                 if sample is not None and sample.value.point is not None:
                     self._found, seen = True, self._clock.now()
-                    if window.add(sample.t, sample.dt, sample.value.point):
+                    if window.add(sample.t, sample.dt, sample.value.point, rotation=sample.value.rotation):
                         return window.sample(sample.seq, *self._air())
                     continue
                 window.restart()
@@ -249,7 +249,7 @@ class LineStreamTracker(SampledDevice):
         self._seq += 1
         t = 0.5 * (begin + end) - self._config.time_offset_s
         quality = Quality.GOOD if parsed.point is not None else Quality.DEGRADED
-        state = TrackerState(parsed.point, parsed.point is not None, parsed.status)
+        state = TrackerState(parsed.point, parsed.point is not None, parsed.status, parsed.rotation)
         self.readings.push(Sample(state, t, 0.5 * (end - begin), self._seq, quality))
 
     def _count_bad(self, line: bytes, reason: BadLine) -> None:

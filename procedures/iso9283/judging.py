@@ -135,6 +135,7 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> Iso9283Resu
         inputs=Iso9283Inputs(
             robot_joints=len(data.poses[0].q),
             samples=len(data.samples),
+            rotations=sum(sample.rotation is not None for sample in data.samples),
             corrected=data.corrected,
             payload_kg=data.payload_kg,
         ),

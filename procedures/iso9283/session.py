@@ -121,6 +121,7 @@ class IsoRun:
             "scatter_m": point.scatter_m,
             "count": point.count,
             "warnings": list(point.warnings),
+            **point.kept_rotation(),
         }
         await asyncio.to_thread(self.record.add, sample)
         self._place_anew()

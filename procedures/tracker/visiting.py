@@ -101,6 +101,7 @@ class Visitor:
             "target": visit.reflector,
             "t": found.t,
             "scatter_m": point.scatter_m,
+            **point.kept_rotation(),
             "held_out": visit.held_out,
             "asked_q": visit.q,
             "notes": {

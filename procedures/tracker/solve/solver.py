@@ -70,6 +70,7 @@ def _solve(
         "method": method,
         "robot": loaded.spec.robot.model_dump(exclude_none=True),
         "samples": len(loaded.data.samples),
+        "rotations": sum(sample.rotation is not None for sample in loaded.data.samples),
         "usable": loaded.problem.n,
         "targets": list(loaded.model.targets),
         "noise_given": loaded.noise,

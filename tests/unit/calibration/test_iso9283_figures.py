@@ -141,6 +141,15 @@ def known(data: dict[str, Any]) -> dict[str, Any]:
     return data | {"registration": "kinematics", "kinematics": kinematics}
 
 
+def test_rotations_of_a_six_degree_target_are_counted_and_judge_nothing(tmp_path: Path) -> None:
+    data = known(data_set(cycles=2))
+    plain = solved(tmp_path, data)
+    data["samples"][-1]["rotation"] = [0.1, 0.2, 0.3]
+    result = solved(tmp_path, data)
+    assert result["inputs"]["rotations"] == 1
+    assert result["result"] == plain["result"]
+
+
 def test_with_a_known_place_AP_and_RP_are_the_true_ones(tmp_path: Path) -> None:
     off = {f"P{k}": np.array([0.0, 0.0, 1e-3 * k]) for k in range(1, 6)}
     result = solved(tmp_path, known(data_set(off, scatter=1e-4)))

@@ -153,6 +153,44 @@ def test_a_line_that_cannot_be_read_says_why(line: bytes, words: str) -> None:
         parser().parse(line)
 
 
+SIX = {"columns": {name: k for k, name in enumerate(("x", "y", "z", "qw", "qx", "qy", "qz"), 1)}}
+
+
+def test_the_rotation_of_a_six_degree_target_is_turned_with_its_point() -> None:
+    sent = Rotation.from_rotvec([0.3, -0.4, 1.2])
+    line = ",".join(map(str, (1000, 2000, 500, *sent.as_quat(scalar_first=True)))).encode()
+    plain = parser(**SIX).parse(line)
+    assert plain is not None
+    assert plain.rotation == pytest.approx([0.3, -0.4, 1.2])
+    turned = parser(**SIX, axes=["y", "-x", "z"]).parse(line)
+    assert turned is not None
+    assert turned.point is not None
+    assert turned.rotation is not None
+    assert turned.point == pytest.approx([2.0, -1.0, 0.5])
+    # What the target carries along its own x, 0.1 m away, has to be at the same place by either frame.
+    ahead = np.array([1.0, 2.0, 0.5]) + 0.1 * sent.apply([1.0, 0.0, 0.0])
+    found = turned.point + Rotation.from_rotvec(turned.rotation).apply([0.1, 0.0, 0.0])
+    assert found == pytest.approx([ahead[1], -ahead[0], ahead[2]])
+
+
+def test_a_rotation_that_is_none_is_refused() -> None:
+    with pytest.raises(BadLine, match="no unit quaternion, but 2 long"):
+        parser(**SIX).parse(b"1000,2000,500,2,0,0,0")
+    with pytest.raises(ValidationError, match="'qw' is of a rotation"):
+        parser(columns={"x": 1, "y": 2, "z": 3, "qw": 4})
+    with pytest.raises(ValidationError, match="left_handed frame"):
+        parser(**SIX, left_handed=True, axes=["y", "x", "z"])
+
+
+def test_a_stable_point_has_the_mean_of_its_rotations() -> None:
+    subject = StableWindow(0.1, 1e-3, 2)
+    for k, z in enumerate((0.1, 0.3)):
+        subject.add(float(k), 0.01, np.array([1.0, 0.0, 0.0]), rotation=np.array([0.0, 0.0, z]))
+    assert subject.sample(1, None, None).value.rotation == pytest.approx([0.0, 0.0, 0.2])
+    subject.add(2.0, 0.01, np.array([1.0, 0.0, 0.0]))
+    assert subject.sample(1, None, None).value.rotation is None
+
+
 def test_a_line_of_another_instrument_is_refused() -> None:
     subject = parser(columns={"x": 1, "y": 2, "z": 3, "serial": 4})
     assert subject.parse(b"1000,0,0,99994400001") is not None

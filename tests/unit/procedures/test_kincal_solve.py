@@ -33,6 +33,14 @@ def codes(result: dict[str, Any]) -> list[str]:
     return [w["code"] for w in result["warnings"]]
 
 
+def test_rotations_of_a_six_degree_target_are_counted_and_nothing_is_solved_with_them(tmp_path: Path) -> None:
+    scene = make_scene("palletizer", 1, 60)
+    samples = [{**sample, "rotation": [0.1, 0.2, 0.3]} for sample in scene.data["samples"][:2]]
+    result: Any = solve_kincal(scene.changed(samples=samples).write(tmp_path))
+    assert (result["inputs"]["samples"], result["inputs"]["rotations"]) == (2, 2)
+    assert result["result"] is None
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_data_set_gives_a_result_in_the_format(kind: str, tmp_path: Path) -> None:
     scene = make_scene(kind, 1, 60, blunders=2).changed(payload_kg=4.0)
