@@ -4,6 +4,7 @@ import asyncio
 from typing import Protocol
 from urllib.parse import urlsplit
 
+from cell.answer_time import answer_within
 from cell.errors import error
 from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.grippers.robotiq_words import (
@@ -124,7 +125,7 @@ class UrcapRobotiq:
             self._tap.sent(data)
             writer.write(data)
             try:
-                async with asyncio.timeout(self._timeout_s):
+                async with answer_within(self._timeout_s):
                     answer = await self._answer(reader)
             except (OSError, TimeoutError) as exc:
                 await self.close()

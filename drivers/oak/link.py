@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from cell.answer_time import answer_within
 from cell.errors import CellError, error
 from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.life import Life
@@ -93,7 +94,7 @@ class ChildLink:
         self._requests[number] = answer
         self.send({**message, "id": number})
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 reply = await answer
         except TimeoutError:
             raise error(

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cell.answer_time import answer_within
 from cell.clock import Clock
 from drivers.tracker.geocom_codes import Meaning, ReturnCode, return_code
 from drivers.tracker.geocom_text import Parameter, Reply, Unreadable, parse_reply, request
@@ -106,7 +107,7 @@ class GeocomSession:
         self._unclean = True  # until the reply is there
         given_up = True
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 reply = await future
             self._unclean = given_up = False
         except TimeoutError as exc:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cell.answer_time import answer_within
 from cell.clock import Clock
 from cell.errors import CellError, error, present
 from cell.wire_recording.tap import tap
@@ -86,7 +87,7 @@ class MotionClient:
         ``CHILD_DIED`` when it is dead, or with what the native client said when it refused the command.
         """
         try:
-            async with asyncio.timeout(deadline_s + GRACE_S), self._turn:
+            async with answer_within(deadline_s + GRACE_S), self._turn:
                 number, self._next_id = self._next_id, self._next_id + 1
                 reply = self._loop.create_future()
                 self._replies[number] = reply

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from math import inf
 
+from cell.answer_time import answer_within
 from cell.errors import CellError, error, present
 from cell.wire_recording.tap import tap
 from drivers.ur.refused import why
@@ -188,7 +189,7 @@ class PrimaryLink:
 
     async def _first(self, seen: asyncio.Event, what: str, timeout: float) -> None:
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 await seen.wait()
         except TimeoutError:
             raise error(

@@ -8,6 +8,7 @@ import asyncio
 import socket
 from collections.abc import Callable, Sequence
 
+from cell.answer_time import answer_within
 from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.wire_recording.tap import tap
@@ -98,7 +99,7 @@ class RtdeLink:
         reply: asyncio.Future[Package] = self._loop.create_future()
         self._reply, self._reply_kind = reply, kind
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 self._tap.sent(data)
                 await self._loop.sock_sendall(self._sock, data)
                 return await reply

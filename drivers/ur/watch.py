@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from cell.answer_time import answer_within
 from cell.devices import ArmState
 from cell.errors import CellError, error
 from cell.poses import Array
@@ -64,7 +65,7 @@ class Watch:
     async def outcome(self, timeout: float, what: str) -> Any:
         """Wait for the judge's verdict; the coded error otherwise, ``CALL_TIMEOUT`` after ``timeout``."""
         try:
-            async with asyncio.timeout(timeout):
+            async with answer_within(timeout):
                 verdict = await asyncio.shield(self._outcome)
         except TimeoutError:
             late = error("CALL_TIMEOUT", f"{what} did not end in {timeout:.1f} s")
