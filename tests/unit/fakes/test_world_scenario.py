@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
+from typer.testing import CliRunner
 
 from cell.errors import CellError, InputError
 from cell.poses import from_pose6, log_xi
+from fakes import cli
 from fakes.world.arm.kinematics import chain
 from fakes.world.scenario import Scenario
 from fakes.world.targets import target_points
@@ -40,6 +42,16 @@ def test_a_file_and_a_shipped_name_read_the_same() -> None:
 def test_a_missing_scenario_is_said_to_be_missing() -> None:
     with pytest.raises(CellError, match="nowhere"):
         Scenario.load("nowhere")
+
+
+def test_the_command_names_every_shipped_scenario_and_what_stands_in_it() -> None:
+    names = {path.stem for path in FOLDER.glob("*.toml")}
+    listed = CliRunner().invoke(cli.app, ["scenarios"])
+    assert {line.split()[0] for line in listed.output.splitlines() if line[:1].isalpha()} == names
+    assert len(listed.output) > 40 * len(names), "each with a description"
+    without = CliRunner().invoke(cli.app, ["--bind", "127.0.0.2"])
+    assert without.exit_code == 2
+    assert all(name in without.output for name in names)
 
 
 def test_an_unknown_key_gets_its_place_and_a_suggestion() -> None:
