@@ -378,3 +378,32 @@ def test_a_job_without_an_end_of_its_own_is_told_without_a_number_of_steps(
     subject: Any = Panel()
     wire._run_step(subject, steps_of(["cone-capture"])[0], Path(), ())
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ends", "runs", "resets"),
+    [
+        (["DEVICE_LOST", None], 2, 1),
+        (["DEVICE_LOST", "DEVICE_LOST"], 2, 1),
+        ([None], 1, 0),
+        (["ARM_PROTECTIVE_STOP"], 1, 0),
+    ],
+)
+def test_a_step_that_was_late_is_taken_once_more_and_no_other(
+    ends: list[str | None], runs: int, resets: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: list[int] = []
+    codes = [0 if name is None else catalogue()[name].code for name in ends]
+    left = iter(enumerate(codes, start=1))
+
+    def run_step(*_: Any) -> Any:
+        run_id, code = next(left)
+        return SimpleNamespace(run_id=run_id, error_code=code)
+
+    monkeypatch.setattr(wire, "_wait_ready", lambda *_: None)
+    monkeypatch.setattr(wire, "_run_step", run_step)
+    subject: Any = SimpleNamespace(command=commands.append)
+    children: Any = (None, None)
+    run_id, _, status = wire._try_step(subject, steps_of(["cone-capture"])[0], Path(), children)
+    assert (run_id, status.error_code) == (runs, codes[runs - 1])
+    assert commands == [registers.RESET] * resets
