@@ -57,7 +57,7 @@ def test_at_5_mm_s_and_2_ms_the_point_is_found_to_4_um() -> None:
 
 
 def test_with_two_heights_a_tilted_tool_is_found_to_30_um_and_its_tilt_to_1_2_mrad() -> None:
-    errors = many(6, Bench(turn=TURN), **TWO_HEIGHTS)
+    errors = many(3, Bench(turn=TURN), **TWO_HEIGHTS)
     assert rms(errors[:, :3]) <= 30e-6
     assert rms(errors[:, 3:]) <= 1.2e-3
 
@@ -68,14 +68,18 @@ def test_with_two_heights_a_tilted_tool_is_found_to_30_um_and_its_tilt_to_1_2_mr
         Bench(seed=21, parts=BALL),
         Bench(seed=22, parts=APEX),
         Bench(seed=23, parts=IDEAL),
-        Bench(seed=24, beams=beams(0.15, 0.01, 0.0005)),
-        Bench(seed=25, R=Rotation.from_euler("xyz", [175.0, 4.0, 37.0], degrees=True), reach=0.012),
-        Bench(seed=26, axis_ref=np.array([0.05, -0.1, 0.99373]) / np.linalg.norm([0.05, -0.1, 0.99373])),
+        Bench(
+            seed=25,
+            beams=beams(0.15, 0.01, 0.0005),
+            R=Rotation.from_euler("xyz", [175.0, 4.0, 37.0], degrees=True),
+            axis_ref=np.array([0.05, -0.1, 0.99373]) / np.linalg.norm([0.05, -0.1, 0.99373]),
+            reach=0.012,
+        ),
         Bench(seed=27, parts=GRIPPER, reach=0.02),
         Bench(seed=28, counters=True, pose_noise=2e-5, tau=0.012),
         Bench(seed=29, lag=0.004, hysteresis=1e-4),
     ],
-    ids=["ball", "apex", "ideal", "skew beams", "attitude", "axis", "gripper", "noise", "switching"],
+    ids=["ball", "apex", "ideal", "skew beams, attitude, axis", "gripper", "noise", "switching"],
 )
 def test_tools_beams_attitudes_and_inputs_of_all_kinds_are_within_what_is_said(bench: Bench) -> None:
     bench = replace(bench, shift=SHIFT, turn=TURN)
