@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.equations import Observations, Prior, equations
 from calibration.adjustment.unknowns import ArmKnown, arm_terms
 from calibration.hand_eye import se3
+from calibration.hand_eye.normal import pseudo_inverse
+from calibration.identification.registration import register
 from cell.poses import Array
 
 FEWEST_PLACES = 10
@@ -37,39 +40,33 @@ def seen_arm(arm: ArmKnown, places: Array, reflector: NDArray[np.int64], sigma: 
     count = int(reflector.max()) + 1
     own = np.eye(count)[reflector]  # which reflector each place is of
     tracker, on_flange = np.eye(4), np.zeros((count, 3))
-    numbers = np.zeros(len(prior))
-    weight = np.repeat(1.0 / sigma, 3)
+    a, sizes = len(prior), np.append(prior, np.full(3 * count + 6, np.inf))
+    following = np.zeros(a)
     for _ in range(_STEPS):
+        numbers = following
         moved = F @ se3.exp(columns @ numbers)
         p = (moved[:, :3, :3] @ on_flange[reflector][..., None])[..., 0] + moved[:, :3, 3]
         if not numbers.any():  # the place of the tracker, from where the reflectors are so far
-            tracker = _fitted(p, places)
+            found = register(places.T, p.T, np.ones(len(p)))
+            tracker[:3, :3], tracker[:3, 3] = found.R, found.b
         seen = p @ tracker[:3, :3].T + tracker[:3, 3]
         R = tracker[:3, :3] @ moved[:, :3, :3]
         by_number = R @ (columns[:, :3] - se3.hat(on_flange[reflector]) @ columns[:, 3:])
         by_flange = (R[:, :, None, :] * own[:, None, :, None]).reshape(len(p), 3, 3 * count)
         by_tracker = np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -se3.hat(seen)], axis=2)
-        of_places = np.concatenate([by_flange, by_tracker], axis=2).reshape(3 * len(p), -1)
-        A = of_places * weight[:, None]
-        J = by_number.reshape(3 * len(p), -1) * weight[:, None]
-        r = (places - seen).ravel() * weight
-        basis, _ = np.linalg.qr(A)
-        J_free, r_free = J - basis @ (basis.T @ J), r - basis @ (basis.T @ r)
-        information = J_free.T @ J_free
-        pull = J_free.T @ (r_free + J_free @ numbers)
-        following = np.linalg.solve(information + np.diag(prior**-2.0), pull)
-        step, *_ = np.linalg.lstsq(A, r - J @ (following - numbers), rcond=None)
-        on_flange = on_flange + step[: 3 * count].reshape(count, 3)
-        tracker = se3.exp(step[3 * count :]) @ tracker
-        numbers = following
-    return SeenArm(information, pull)
+        J = np.concatenate([by_number, by_flange, by_tracker], axis=2) / sigma[:, None, None]
+        obs = Observations.of_sums(J.reshape(3 * len(p), -1).T, ((seen - places) / sigma[:, None]).ravel())
+        around = np.append(numbers, np.zeros(3 * count + 6))
+        x, _ = equations(obs, np.zeros((0, 1, 1)), 1.0, Prior(0.0 * around, sizes, {}), around).step()
+        following = numbers + x[:a]
+        on_flange = on_flange + x[a:-6].reshape(count, 3)
+        tracker = se3.exp(x[-6:]) @ tracker
+    return _of_arm(obs, numbers)
 
 
-def _fitted(p: Array, places: Array) -> Array:
-    """(4, 4) that brings ``p`` (n, 3) nearest to ``places`` (n, 3); Arun, Huang and Blostein 1987."""
-    mean, to = p.mean(axis=0), places.mean(axis=0)
-    U, _, Vt = np.linalg.svd((places - to).T @ (p - mean))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, to - R @ mean
-    return T
+def _of_arm(obs: Observations, numbers: Array) -> SeenArm:
+    """What ``obs``, linearised at ``numbers`` (a,), say of these when all other unknowns follow them."""
+    a = len(numbers)
+    follows = obs.info[:a, a:] @ pseudo_inverse(obs.info[None, a:, a:])[0]
+    information = obs.info[:a, :a] - follows @ obs.info[a:, :a]
+    return SeenArm(information, information @ numbers - obs.pull[:a] + follows @ obs.pull[a:])

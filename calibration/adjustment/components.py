@@ -27,24 +27,29 @@ _SMALLEST_SCALE = 1e-2
 class Components:
     """``sigma``: noise levels by name, in the order of the observations' parts; ``scale`` of the blocks.
 
-    ``free`` names those that the data decide, ``most`` holds the largest plausible ones of them.
+    ``free`` names those that the data decide, ``most`` holds the largest plausible ones of them and ``least``
+    the smallest. ``of_sums`` is the level of what the observations hold as sums.
     """
 
     sigma: Mapping[str, float]
     scale: Mapping[str, float]
     free: frozenset[str]
     most: Mapping[str, float] = field(default_factory=dict)
+    least: Mapping[str, float] = field(default_factory=dict)
+    of_sums: str = "sigma_px"
 
     def variances(self, parts: Array) -> Array:
         """V (n, d, d)."""
         return np.tensordot(np.array([s**2 for s in self.sigma.values()]), parts, axes=1)
 
     @property
-    def px2(self) -> float:
-        return self.sigma.get("sigma_px", 1.0) ** 2
+    def variance_of_sums(self) -> float:
+        return self.sigma.get(self.of_sums, 1.0) ** 2
 
     def equations(self, obs: Observations, prior: Prior, at: Array) -> Equations:
-        return equations(obs, self.variances(obs.parts), self.px2, prior.scaled(dict(self.scale)), at)
+        return equations(
+            obs, self.variances(obs.parts), self.variance_of_sums, prior.scaled(dict(self.scale)), at
+        )
 
 
 def estimated(
@@ -60,9 +65,9 @@ def estimated(
         return start
     given = np.array([*start.sigma.values(), *start.scale.values()])
     theta = 2.0 * np.log(given)
-    floor = np.log(
-        [_FLOOR.get(k, _SMALLEST) ** 2 for k in start.sigma] + [_SMALLEST_SCALE**2 for _ in start.scale]
-    )
+    smallest = {**dict.fromkeys(start.sigma, _SMALLEST), **dict.fromkeys(start.scale, _SMALLEST_SCALE)}
+    smallest |= {**_FLOOR, **start.least}
+    floor = np.log([smallest[name] ** 2 for name in names])
     ceiling = np.log([start.most.get(name, np.inf) ** 2 for name in names])
     found = start
     for _ in range(iterations):
@@ -85,6 +90,30 @@ def estimated(
         if abs(float(step @ score)) < _SETTLED:
             break
     return found
+
+
+def evidence(obs: Observations, prior: Prior, at: Array, now: Components) -> float:
+    """Logarithm of the restricted likelihood of ``now``, up to a constant of the observations alone; every
+    prior enters with its size, so sets of unknowns can be compared by it.
+    """
+    eq = now.equations(obs, prior, at)
+    x, w = eq.step()
+    r = obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group])
+    precision = prior.scaled(dict(now.scale)).precision
+    stated = precision > 0.0
+    sizes: float = (
+        float(np.sum(np.linalg.slogdet(eq.weight)[1]) + np.sum(np.linalg.slogdet(eq.inverse)[1]))
+        - eq.log_determinant
+        - obs.dof * float(np.log(now.variance_of_sums))
+        + float(np.sum(np.log(precision[stated])))
+    )
+    squares: float = (
+        float(np.einsum("ni,nij,nj->", r, eq.weight, r, optimize=True))
+        + obs.squares(x) / now.variance_of_sums
+        + float(precision @ (at + x - prior.mean) ** 2)
+        + sum(float(np.log(s) / np.log(SCALE_FACTOR)) ** 2 for s in now.scale.values())
+    )
+    return 0.5 * (sizes - squares)
 
 
 def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple[Array, Array]:
@@ -112,10 +141,10 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
     quadratic = np.einsum("nix,knij,njx->k", Pr, V, Pr, optimize=True)
     score[:k] = 0.5 * (quadratic - np.einsum("knii->k", RV))
     metric[:k, :k] = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
-    if "sigma_px" in now.sigma:
-        i = list(now.sigma).index("sigma_px")
-        left = float(obs.sse + 2.0 * obs.pull @ x + x @ obs.info @ x) / now.px2
-        dof = obs.dof - float(np.sum(obs.info * cov)) / now.px2
+    if now.of_sums in now.sigma:
+        i = list(now.sigma).index(now.of_sums)
+        left = obs.squares(x) / now.variance_of_sums
+        dof = obs.dof - float(np.sum(obs.info * cov)) / now.variance_of_sums
         score[i] += 0.5 * (left - dof)
         metric[i, i] += 0.5 * max(dof, 1.0)
     precision = prior.scaled(dict(now.scale)).precision

@@ -24,9 +24,9 @@ class Observations:
 
     ``r`` (n, d) are the residuals, ``of_global`` (n, d, m) and ``of_local`` (n, d, 6) their derivatives,
     ``group`` (n,) counts the local poses from 0. ``parts`` (k, n, d, d): covariance of a residual for a unit
-    of each kind of noise. ``info`` (m, m) and ``pull`` (m,) are curvature and gradient of half the squared
-    pixel residuals ``sse`` inside all images, by the global unknowns and at the images' best poses; ``dof``
-    is how many pixel residuals are left over by those poses.
+    of each kind of noise. What has one noise alone may be held as sums: ``info`` (m, m) and ``pull`` (m,) are
+    curvature and gradient of half the squared residuals ``sse`` by the global unknowns, and ``dof`` is how
+    many they are. Of images these are the pixels, at the images' best poses, less what those poses take up.
     """
 
     r: Array
@@ -38,6 +38,26 @@ class Observations:
     pull: Array
     sse: float
     dof: float
+
+    @classmethod
+    def of_sums(cls, A: Array, r: Array) -> "Observations":
+        """Residuals ``r`` (k,) with derivatives ``A`` (m, k), all of one size of noise, as sums alone."""
+        m = len(A)
+        return cls(
+            r=np.zeros((0, 1)),
+            of_global=np.zeros((0, 1, m)),
+            of_local=np.zeros((0, 1, 6)),
+            group=np.zeros(0, dtype=np.int64),
+            parts=np.zeros((1, 0, 1, 1)),
+            info=A @ A.T,
+            pull=A @ r,
+            sse=float(r @ r),
+            dof=float(len(r)),
+        )
+
+    def squares(self, x: Array) -> float:
+        """Of the residuals that are held as sums, after the change ``x`` (m,)."""
+        return float(self.sse + 2.0 * self.pull @ x + x @ self.info @ x)
 
     @property
     def n(self) -> int:
@@ -97,6 +117,12 @@ class Equations:
         out[is_open, is_open] = np.inf
         return np.asarray(out)
 
+    @property
+    def log_determinant(self) -> float:
+        """Of ``N``, without directions of which nothing is known."""
+        s, values, _, known = self._parts
+        return float(np.sum(np.log(values[known])) - 2.0 * np.sum(np.log(s[s > 0.0])))
+
     def step(self) -> tuple[Array, Array]:
         """The change that minimises the linear problem: global (m,) and local (g, 6).
 
@@ -125,8 +151,8 @@ class Equations:
         return -self.carry @ self.covariance
 
 
-def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) -> Equations:
-    """Of ``obs`` with covariances ``V`` (n, d, d) and a pixel variance ``px2``, at global values ``at``."""
+def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior, at: Array) -> Equations:
+    """Of ``obs`` with covariances ``V`` (n, d, d) and one variance for their sums, at ``at`` (m,)."""
     weight = inverse_spd(V)
     PG, PL = weight @ obs.of_global, weight @ obs.of_local
     order = np.argsort(obs.group, kind="stable")
@@ -141,6 +167,6 @@ def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) 
     flat = obs.of_global.reshape(-1, m)
     N = flat.T @ PG.reshape(-1, m) - LG.reshape(-1, m).T @ carry.reshape(-1, m)
     g = flat.T @ (weight @ obs.r[..., None]).reshape(-1) - np.einsum("gim,gi->m", LG, local)
-    N += obs.info / px2 + np.diag(prior.precision)
-    g += obs.pull / px2 + prior.precision * (at - prior.mean)
+    N += obs.info / variance_of_sums + np.diag(prior.precision)
+    g += obs.pull / variance_of_sums + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)

@@ -1,28 +1,29 @@
 """Errors of gears and sag as unknowns, as large as the readings say that they are.
 
-Each kind has one standard deviation. It and the size of the noise are variance components of the problem,
-linear around the geometric solution, at the maximum of their restricted likelihood. A kind is in the solution
-where that likelihood says so.
-Source: Patterson and Thompson 1971; the updates are those of MacKay 1992.
+This is a set-up of the adjustment: the arm's numbers and the places of the reflectors with their priors, the
+kinds of errors as blocks whose prior's scale the readings tell together with the size of the noise, and the
+tracker's place without a prior. A kind is in the solution where the evidence says so.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.arm_terms import ArmPrior
+from calibration.adjustment.components import Components, estimated, evidence
+from calibration.adjustment.equations import Observations, Prior
 from calibration.identification.estimator import Problem, fit
 from calibration.identification.model import REGISTRATION, Model
 from calibration.identification.robust import RobustFit, robust_fit
 from calibration.kinematics.joint_errors import JointErrors, none_yet, of_gears, of_sag
+from cell.poses import Array
 
-START_RAD = {"gear": 2e-5, "sag": 1e-4}
-_NONE_RAD = 1e-9
-_ROUNDS = 200
-_SETTLED = 1e-3  # of the logarithm of a variance
-_LEAST_NOISE = 1e-4  # times the assumed one
-_GAIN = 1.0  # of twice the log-likelihood for each kind: one too many costs less than one missed
+START_RAD = {"gear": ArmPrior.gear, "sag": ArmPrior.sag}
+_READING = "reading"  # the noise, over the assumed one
+_LEAST_NOISE = 1e-2  # times the assumed one
+_GAIN = 1.0  # of twice the log-evidence for each kind: one too many costs less than one missed
 
 
 def with_joint_errors(
@@ -31,17 +32,25 @@ def with_joint_errors(
     """``found`` solved again with errors of the joints beside the geometry; None where readings show none."""
     if not can_tell(problem, found.used, found.unknowns):
         return None
-    components = _Components(problem, found, bool(given))
-    best = components.solved(())
-    for kinds in (("gear",), ("sag",), ("gear", "sag")):
-        best = min(best, components.solved(kinds), key=lambda one: one.cost)
-    if not best.sd:
+    adjustment = _Adjustment(problem, found)
+    least = 1.0 if given else _LEAST_NOISE  # what was given may be too small
+    most, best = -np.inf, Components({}, {}, frozenset())
+    for kinds in ((), ("gear",), ("sag",), ("gear", "sag")):
+        gain, components = adjustment.solved(kinds, least)
+        if gain > most:
+            most, best = gain, components
+    if not best.scale:
         return None
-    model = extended(problem.model, best.sd)
-    wider = replace(problem, model=model)
-    x = np.insert(found.fit.x, [len(problem.model.arm.names)] * (model.size - problem.model.size), 0.0)
-    weight = found.used / (best.noise * found.noise.sigma(problem.range_m) ** 2)
+    wider, x = _widened(problem, found, {kind: s * START_RAD[kind] for kind, s in best.scale.items()})
+    weight = found.used / (best.sigma[_READING] * found.noise.sigma(problem.range_m)) ** 2
     return wider, robust_fit(wider, given, fit(wider, x, weight))
+
+
+def _widened(problem: Problem, found: RobustFit, sd: Mapping[str, float]) -> tuple[Problem, Array]:
+    """The problem with the kinds in ``sd`` (rad) as unknowns, and ``found`` for it."""
+    model = extended(problem.model, sd)
+    x = np.insert(found.fit.x, [len(problem.model.arm.names)] * (model.size - problem.model.size), 0.0)
+    return replace(problem, model=model), x
 
 
 def can_tell(problem: Problem, used: NDArray[np.bool_], unknowns: float) -> bool:
@@ -78,67 +87,53 @@ def extended(model: Model, sd: Mapping[str, float]) -> Model:
     )
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """Standard deviations (rad) of the amplitudes by kind, the variance of the noise over the assumed one,
-    and minus twice the restricted log-likelihood, with what each kind must gain."""
+class _Adjustment:
+    """Geometry, amplitudes and the tracker's place, linear around ``found``."""
 
-    sd: Mapping[str, float]
-    noise: float
-    cost: float
-
-
-class _Components:
-    """The linear problem of geometry, amplitudes and registration around ``found``."""
-
-    def __init__(self, problem: Problem, found: RobustFit, noise_given: bool) -> None:
-        model = extended(problem.model, START_RAD)
+    def __init__(self, problem: Problem, found: RobustFit) -> None:
+        wider, x = _widened(problem, found, START_RAD)
+        model = wider.model
+        _, J = model.linearised(x, problem.Q, problem.target)
+        root = 1.0 / found.noise.sigma(problem.range_m)
+        A, off = (
+            (J * root)[:, :, found.used].reshape(len(J), -1),
+            -(found.fit.e * root)[:, found.used].ravel(),
+        )
+        self.sums = Observations.of_sums(A, off)
+        place = np.zeros(REGISTRATION)
+        self.at, self.mean = np.append(x, place), np.append(model.nominal, place)
+        self.sd = np.append(model.sd, place + np.inf)
+        geometric = np.append(model.geometric, place == 0.0)
+        self.common = np.flatnonzero(geometric)
         self.rows = {
-            kind: np.array([k for k, name in enumerate(model.names) if name.startswith(kind)], dtype=np.int64)
+            kind: np.array(
+                [k for k, name in enumerate(model.names) if name.startswith(kind) and not geometric[k]],
+                dtype=np.int64,
+            )
             for kind in START_RAD
         }
-        added = np.sort(np.concatenate([*self.rows.values()]))
-        start = np.insert(found.fit.x, [added[0]] * len(added), 0.0)
-        _, J = model.linearised(start, problem.Q, problem.target)
-        root = np.sqrt(found.used) / found.noise.sigma(problem.range_m)
-        A, r = (J * root).reshape(len(J), -1), (found.fit.e * root).ravel()
-        self.AA, self.Ar, self.squared = A @ A.T, A @ r, float(r @ r)
-        self.precision = np.concatenate([model.sd**-2.0, np.zeros(REGISTRATION)])
-        self.away = np.concatenate([model.nominal - start, np.zeros(REGISTRATION)])
-        self.readings = 3 * int(np.count_nonzero(found.used))
-        self.least_noise = 1.0 if noise_given else _LEAST_NOISE  # what was given may be too small
 
-    def solved(self, kinds: tuple[str, ...]) -> _Sizes:
-        """The sizes of ``kinds`` under which the readings are most likely; those of the others are zero."""
-        sd = {kind: START_RAD[kind] if kind in kinds else _NONE_RAD for kind in self.rows}
-        noise, cost = 1.0, np.inf
-        for _ in range(_ROUNDS):
-            precision = self.precision.copy()
-            for kind, rows in self.rows.items():
-                precision[rows] = sd[kind] ** -2.0
-            H = self.AA / noise + np.diag(precision)
-            scale = 1.0 / np.sqrt(np.diag(H))
-            scaled = H * np.outer(scale, scale)
-            C = np.linalg.inv(scaled) * np.outer(scale, scale)
-            u = C @ (self.Ar / noise + precision * self.away)
-            told = 1.0 - np.diag(C) * precision  # how much of each unknown the readings decide
-            left = max(self.squared - 2.0 * float(u @ self.Ar) + float(u @ self.AA @ u), 0.0)
-            moved = self.away - u
-            priors = precision > 0.0
-            cost = (
-                self.readings * np.log(noise)
-                + float(np.linalg.slogdet(scaled)[1] - 2.0 * np.sum(np.log(scale)))
-                - float(np.sum(np.log(precision[priors])))
-                + left / noise
-                + float(np.sum(precision * moved**2))
-            )
-            before = np.array([noise, *(sd[kind] ** 2 for kind in kinds)])
-            for kind in kinds:
-                rows = self.rows[kind]
-                decided = max(float(told[rows].sum()), 1e-9)
-                sd[kind] = max(float(np.sqrt(u[rows] @ u[rows] / decided)), _NONE_RAD)
-            noise = max(left / max(self.readings - float(told.sum()), 1.0), self.least_noise)
-            after = np.array([noise, *(sd[kind] ** 2 for kind in kinds)])
-            if np.max(np.abs(np.log(after / before))) < _SETTLED:
-                break
-        return _Sizes({kind: sd[kind] for kind in kinds}, noise, cost + _GAIN * len(kinds))
+    def solved(self, kinds: tuple[str, ...], least: float) -> tuple[float, Components]:
+        """The scales of ``kinds`` and the noise that the readings tell, and twice their log-evidence less
+        what each kind must gain; the errors of other kinds are zero."""
+        blocks, rows = dict[str, slice](), self.common
+        for kind in kinds:
+            blocks[kind] = slice(len(rows), len(rows) + len(self.rows[kind]))
+            rows = np.concatenate([rows, self.rows[kind]])
+        every = self.sums
+        obs = replace(
+            every,
+            of_global=every.of_global[:, :, rows],
+            info=every.info[np.ix_(rows, rows)],
+            pull=every.pull[rows],
+        )
+        prior = Prior(self.mean[rows], self.sd[rows], blocks)
+        start = Components(
+            {_READING: 1.0},
+            dict.fromkeys(kinds, 1.0),
+            frozenset([_READING, *kinds]),
+            least={_READING: least},
+            of_sums=_READING,
+        )
+        components = estimated(obs, prior, self.at[rows], start)
+        return 2.0 * evidence(obs, prior, self.at[rows], components) - _GAIN * len(kinds), components
