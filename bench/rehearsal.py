@@ -25,6 +25,7 @@ JOBS = (
     "tracker-sampling",
     "belt-calibration",
     "belt-tracking",
+    "touch-test",
 )
 # The example's speeds are for calibrating; picking needs more, as its finding says.
 FASTER = {

@@ -16,15 +16,15 @@ class KnownCamera:
     """A camera, and the target that it is calibrated with.
 
     ``T_mount_camera``: nominal, in the flange, or in the base when it is ``fixed``; ``T_flange_target``: the
-    same of a target on the flange. ``q_look``: joints where the camera sees the target, ``distance_m`` away.
+    same of a target on the flange. ``looks``: joints where the camera sees the target, ``distance_m`` away,
+    for each of its placements.
     ``scale_sigma``: share by which the target's size is unknown; ``flatness_m``: how far it may bend.
     """
 
     fixed: bool
     T_mount_camera: Pose
     target: Mapping[str, Any]
-    placements: int
-    q_look: Sequence[float]
+    looks: Sequence[Sequence[float]]
     distance_m: float
     T_flange_target: Pose | None = None
     scale_sigma: float = 0.002

@@ -122,9 +122,9 @@ class _InEffect:
 
 
 def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What the result of a version says of its uncertainty."""
+    """What the result of a version says of its uncertainty, and the lens that belongs to it."""
     answer = (result or {}).get("result") or {}
-    keys = ("cov", "budget", "arm", "interval95_s")
+    keys = ("cov", "budget", "arm", "interval95_s", "lens")
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 

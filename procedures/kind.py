@@ -245,6 +245,8 @@ _ALL = (
         report="procedures.touch_test.report:TOUCH",
         solve="procedures.touch_test.judging:solve_touch_test",
         expectation="procedures.touch_test.expectation:touch_expectation",
+        truth="procedures.touch_test.truth:judge_touch",
+        rehearsal="procedures.touch_test.rehearsal:rehearse_touch",
     ),
     Kind(
         name="cross-check",

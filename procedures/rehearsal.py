@@ -1,6 +1,6 @@
 """What a job needs of a cell before it can be rehearsed on a twin, and what people do meanwhile."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,8 @@ class Rehearsal:
 
     ``look`` is the name of the pose at which the arm stands before the job. ``before`` are jobs that it needs
     the results of. ``moves_board``: the operator places the target anew at each prompt; ``bumps_tool``: the
-    tool is hit just before the job; after ``items`` the job is finished, 0: it ends by itself.
+    tool is hit just before the job; after ``items`` the job is finished, 0: it ends by itself. ``held``: how
+    a person brings the tool's point over corners of the target, which was moved on before.
     ``calibrated_camera``: a calibration of the fixed camera is in effect before.
     """
 
@@ -30,6 +31,19 @@ class Rehearsal:
     bumps_tool: bool = False
     items: int = 0
     calibrated_camera: bool = False
+    held: "HeldPoint | None" = None
+
+
+@dataclass(frozen=True)
+class HeldPoint:
+    """A person brings the tool's point over the corner that the job publishes: with a gauge of ``gauge_m``
+    between, and ``hand_m`` (one standard deviation of an axis) beside it. The ``target`` lies where the
+    camera on the flange sees it at joints ``q``; the job before has brought camera and target."""
+
+    gauge_m: float
+    hand_m: float
+    target: Mapping[str, Any]
+    q: Sequence[float]
 
 
 def joints(setup: Setup, name: str | None) -> tuple[str, list[float]]:

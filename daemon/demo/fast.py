@@ -115,6 +115,8 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
     if step.bump is not None:
         world.tool.bend(clock.now(), step.bump.shift_m, (*step.bump.tilt_rad, 0.0))
         say("the tool was bumped")
+    if step.held is not None:
+        world.operator.move_on(clock.now())
     run_id: int = (await engine.start(StartRequest(step.job, {}, WHO, "demo")))["run_id"]
     placement, finished = 0, False
     with ProgressBar() as bar:
@@ -128,6 +130,10 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
                     placement += 1
                     world.operator.confirm(placement - 1, clock.now())
                     say(f"the operator put the board at place {placement}")
+                if step.held is not None:
+                    corner, gauge_m, hand_m = status["live"]["corner"], step.held.gauge_m, step.held.hand_m
+                    there = world.bring_over(clock.now(), int(corner), gauge_m, hand_m)
+                    await clock.sleep(there - clock.now())
                 await engine.confirm(status["prompt"]["id"], WHO)
                 say("the operator confirmed")
             await clock.sleep(POLL_S)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daemon.demo import plc
+from procedures.rehearsal import HeldPoint
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Step:
     twin: str = "bay"
     picks: int = 0  # after so many the PLC finishes the job
     after: str | None = None  # the job whose result it needs
+    held: HeldPoint | None = None  # a person brings the tool's point over corners of the board
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
 
 

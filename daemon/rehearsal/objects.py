@@ -6,12 +6,12 @@ The twin is reached by its name alone: what ships with the daemon does not impor
 import importlib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 from cell.errors import CellError, error, present
-from cell.known_cell import KnownCell
+from cell.known_cell import KnownCamera, KnownCell
 from daemon.config import CellConfig
 from daemon.config.drivers import DRIVERS
 from daemon.config.findings import Findings
@@ -22,7 +22,7 @@ from daemon.tools import ARGUMENT, CellTool, asked_tool
 from procedures.documents import kind_named
 from procedures.kind import load
 from procedures.registry import JOBS
-from procedures.rehearsal import Rehearsal
+from procedures.rehearsal import HeldPoint, Rehearsal
 
 TWIN = "fakes.likely"
 # A rehearsal has no use for who may watch and trigger the daemon, and for how late a computer may be.
@@ -40,11 +40,12 @@ class Twin(Protocol):
 
 @dataclass(frozen=True)
 class RehearsedCell:
-    """The cell of objects that ``jobs`` run in, one after the other; the last one is rehearsed."""
+    """The cell of objects that ``jobs`` run in, one after the other, each as its own of ``rehearsals`` has
+    it; the last one is rehearsed."""
 
     config: CellConfig
     jobs: tuple[str, ...]
-    rehearsal: Rehearsal
+    rehearsals: tuple[Rehearsal, ...]
 
 
 def rehearsed_cell(
@@ -58,6 +59,9 @@ def rehearsed_cell(
     """
     on_flange = present(asked_tool(config, job, tool, needed=True), "tool")
     rehearsal = rehearsal_of(config, job, on_flange)
+    before = [rehearsal_of(config, name, on_flange) for name in rehearsal.before]
+    if rehearsal.held is not None:
+        rehearsal = replace(rehearsal, camera=_with_place(rehearsal.held, before[0].camera))
     twin = cast(Twin, importlib.import_module(TWIN))
     try:
         text = twin.likely_scenario(_known(config, rehearsal, on_flange), seed)
@@ -69,7 +73,7 @@ def rehearsed_cell(
     raw = tomllib.loads(path.read_text("utf-8-sig"))
     tables = _with_objects(config, raw, jobs, on_flange, twin, folder)
     made = check_config(tables, Findings(f"the twin of {path}"), JOBS, DRIVERS, path)
-    return RehearsedCell(made, jobs, rehearsal)
+    return RehearsedCell(made, jobs, (*before, rehearsal))
 
 
 def rehearsal_of(config: CellConfig, job: str, tool: CellTool | None = None) -> Rehearsal:
@@ -84,6 +88,14 @@ def rehearsal_of(config: CellConfig, job: str, tool: CellTool | None = None) -> 
     except CellError as exc:
         raise error("CONFIG_INVALID", f"{job} cannot be rehearsed: {exc.detail}") from exc
     return found
+
+
+def _with_place(held: HeldPoint, camera: KnownCamera | None) -> KnownCamera:
+    """The ``camera`` of the job before, with one more place of its target."""
+    if camera is None or camera.fixed or dict(camera.target) != dict(held.target):
+        text = "the job before is with another target or a fixed camera, and a twin has one of each"
+        raise error("CONFIG_INVALID", text)
+    return replace(camera, looks=[*camera.looks, held.q])
 
 
 def _known(config: CellConfig, rehearsal: Rehearsal, tool: CellTool) -> KnownCell:

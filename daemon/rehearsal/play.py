@@ -52,7 +52,7 @@ def rehearse(
     """``job`` with ``tool`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of
     ``rehearsed_cell``."""
     cell = rehearsed_cell(config, path, job, seed, folder, tool)
-    runs, _ = run_objects(cell.config, _steps(cell))
+    runs, _ = run_objects(cell.config, steps_of(cell))
     where = Path(cell.config.cell.state_dir) / "runs"
     for run_id, _truth in runs[:-1]:
         before = load_run(where, run_id)
@@ -62,21 +62,23 @@ def rehearse(
     return _outcome(load_run(where, run_id), truth, seed)
 
 
-def _steps(cell: RehearsedCell) -> list[Step]:
-    rehearsal, job = cell.rehearsal, cell.jobs[-1]
-    steps = [Step(name, 0, 0, 0, "", after=None) for name in cell.jobs[:-1]]
-    last = Step(
-        job,
-        0,
-        0,
-        0,
-        "",
-        moves_board=rehearsal.moves_board,
-        bump=BUMP if rehearsal.bumps_tool else None,
-        picks=rehearsal.items,
-        given_camera=rehearsal.calibrated_camera,
-    )
-    return [*steps, last]
+def steps_of(cell: RehearsedCell) -> list[Step]:
+    """The runs that are played, the rehearsed one last."""
+    return [
+        Step(
+            job,
+            0,
+            0,
+            0,
+            "",
+            moves_board=rehearsal.moves_board,
+            bump=BUMP if rehearsal.bumps_tool else None,
+            picks=rehearsal.items,
+            held=rehearsal.held,
+            given_camera=rehearsal.calibrated_camera,
+        )
+        for job, rehearsal in zip(cell.jobs, cell.rehearsals, strict=True)
+    ]
 
 
 def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:

@@ -1,5 +1,6 @@
 """A camera that is not quite where it was drawn, whose lens has moved, before a board that was printed."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,12 +48,17 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
             "bow_m": float(known.flatness_m * rng.uniform(-1.0, 1.0)),
             "bow_rad": float(rng.uniform(0.0, np.pi)),
         },
-        "placement": [_placement(known, mount, arm, i, rng) for i in range(known.placements)],
+        "placement": [_placement(known, mount, arm, q, i, rng) for i, q in enumerate(known.looks)],
     }
 
 
 def _placement(
-    known: KnownCamera, mount: RigidTransform, arm: Chain, number: int, rng: np.random.Generator
+    known: KnownCamera,
+    mount: RigidTransform,
+    arm: Chain,
+    q_look: Sequence[float],
+    number: int,
+    rng: np.random.Generator,
 ) -> dict[str, Any]:
     if known.fixed:
         if known.T_flange_target is None:
@@ -70,7 +76,7 @@ def _placement(
     turned = tilt * facing
     corner = middle - turned.apply(_middle(known.target))
     seen = RigidTransform.from_components(corner, turned)
-    base = arm.forward(np.array(known.q_look)) * mount * seen
+    base = arm.forward(np.array(q_look)) * mount * seen
     return {"T_base_target": to_pose6(base).tolist()}
 
 

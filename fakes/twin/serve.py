@@ -188,6 +188,9 @@ class Twin:
                 return number
             case {"do": "operator", "next": True}:
                 return self.world.operator.move_on(self.controller.now()) + 1
+            case {"do": "operator", "over": int(point), "gauge_m": float(gauge), "hand_m": float(hand)}:
+                now = self.controller.now()
+                return self.world.bring_over(now, point, gauge, hand) - now
             case {"do": "operator", "remove": True}:
                 self.world.operator.remove(self.controller.now())
                 return None

@@ -39,9 +39,11 @@ from fakes.world.belt.items import Items
 from fakes.world.belt.place import Place
 from fakes.world.camera.printed import printed_target
 from fakes.world.camera.truth import CameraTruth
+from fakes.world.hand_guided import JOG_RAD_S, JOG_RAD_S2, joints_over
 from fakes.world.palletizer.observed import ObservedPalletizer
 from fakes.world.rack.rack import Rack
 from fakes.world.scenario import Obstacle, Scenario, WorldTruth
+from fakes.world.targets import target_points
 from fakes.world.tracker.tracker import Tracker
 
 _TRACKER_LOOKS_S = 1.0  # a set-point stream has a segment every few milliseconds
@@ -280,6 +282,25 @@ class World:
         """(3,) the true tool's point in the base."""
         point: Array = compose(self.true_flange(t), self.T_flange_tool_at(t)).translation
         return point
+
+    def bring_over(self, t: float, point: int, gauge_m: float, hand_m: float) -> float:
+        """A person jogs the tool's point over ``point`` of the target, a gauge of ``gauge_m`` between and
+        ``hand_m`` (one standard deviation of an axis) beside it; returns when the arm rests there.
+
+        ``CONFIG_INVALID`` when the scenario has no target in the base, or none with such a point.
+        """
+        placement = self.operator.placement_at(t)
+        points = target_points(self.target) if self.target else np.zeros((0, 3))
+        if placement is None or not self.eye_in_hand or not 0 <= point < len(points):
+            raise error("CONFIG_INVALID", f"the scenario has no target in the base with a point {point}")
+        board = self.T_mount_target[placement]
+        q = self.track.at(t)[0]
+        side = np.sign(board.inv().apply(self.true.forward(q).translation)[2])
+        off = hand_m * np.random.default_rng([self.config.seed, point]).standard_normal(3)
+        over = self.printed.placed(points[[point]])[0] + off + np.array([0.0, 0.0, side * gauge_m])
+        tool = self.T_flange_tool_at(t).translation
+        q = joints_over(self.true, self.believed, tool, board.apply(over), q)
+        return self.track.start_joint_move(t, q, JOG_RAD_S, JOG_RAD_S2)
 
     def T_flange_tool_at(self, t: float) -> RigidTransform:
         """``T_flange_tool`` as it truly is, bent or not."""

@@ -48,7 +48,8 @@ class CameraSeen(Strict):
 
 
 class LookTaken(Strict):
-    """The board at the look: point ``ids[i]`` of the target at ``corners[i]``, mean of ``frames`` frames."""
+    """The board at the look: point ``ids[i]`` of the target at ``corners[i]``, mean of ``frames`` frames.
+    ``camera`` is as it tells itself; ``lens`` as the hand-eye was solved with, None without one."""
 
     q: Joints
     T_base_flange: Pose
@@ -56,6 +57,7 @@ class LookTaken(Strict):
     corners: list[Pixel] = Field(min_length=4)
     frames: int = Field(ge=1)
     camera: CameraSeen
+    lens: CameraSeen | None = None
 
 
 class PointStood(Strict):
@@ -117,8 +119,9 @@ def view_of(target: dict[str, Any], look: LookTaken) -> CornerSet:
 
 
 def located(target: dict[str, Any], look: LookTaken) -> Poses:
-    """Where the camera saw the target, as it was given; the first pose is the best."""
-    poses = solve_pnp([view_of(target, look)], look.camera.intrinsics())[0]
+    """Where the camera saw the target, by the lens of the hand-eye; the first pose is the best."""
+    lens = look.lens or look.camera
+    poses = solve_pnp([view_of(target, look)], lens.intrinsics())[0]
     if not np.isfinite(poses.C).all():
         raise ArithmeticError("the look's corners and the target's points give no pose")
     return poses

@@ -84,14 +84,22 @@ def require_clearance(data: TouchData) -> None:
 def _off(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff, dict[str, Array]]:
     """Where the tool's point stood, what it was off by there, and the covariances of that by cause."""
     poses = located(data.spec, look)
-    C = poses.C[0]
+    standing, off = _points(data, look, poses.C[0])
+    px = max(CORNER_PX, float(np.sqrt(poses.sse[0] / max(2 * poses.corners[0] - 6, 1))))
+    return standing, off, _sources(data, look, off, px**2 * poses.cov[0])
+
+
+def points_of(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff]:
+    """Where the tool's point stood, and what it was off by there."""
+    return _points(data, look, located(data.spec, look).C[0])
+
+
+def _points(data: TouchData, look: LookTaken, C: Array) -> tuple[Standing, PointsOff]:
     F_look, X = from_pose6(look.T_base_flange).as_matrix(), from_pose6(data.T_flange_camera).as_matrix()
     flange = np.array([from_pose6(at.T_base_flange).as_matrix() for at in data.stood])
     places = over_points(data.points([at.corner for at in data.stood]), C, data.job.stand_off_m)
     standing = Standing(F_look, flange, X, C, np.array(data.tool), places)
-    off = points_off(standing)
-    px = max(CORNER_PX, float(np.sqrt(poses.sse[0] / max(2 * poses.corners[0] - 6, 1))))
-    return standing, off, _sources(data, look, off, px**2 * poses.cov[0])
+    return standing, points_off(standing)
 
 
 def _too_little(data: TouchData) -> Refusal | None:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import Arm, Frame, Speed, flange_poses
+from cell.devices import Arm, Frame, Intrinsics, Speed, flange_poses
 from cell.errors import CellError, error
 from cell.formats.capture import TargetTable
 from cell.motion import MotionLease
@@ -123,7 +123,15 @@ class TouchRun:
             corners=corners,
             frames=len(frames),
             camera=CameraSeen(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist)),
+            lens=self._solved_lens(lens),
         )
+
+    def _solved_lens(self, told: Intrinsics) -> CameraSeen | None:
+        """The lens that belongs to the hand-eye, which with another one is of another pose."""
+        found = self.run.values.uncertainty[HAND_EYE].get("lens")
+        if found is None or (found["width"], found["height"]) != (told.width, told.height):
+            return None
+        return CameraSeen(**{key: found[key] for key in ("width", "height", "K", "dist")})
 
     # -- the corners
 
@@ -175,6 +183,7 @@ class TouchRun:
         """Where the arm rests once a person has confirmed that the point is where it belongs; None where that
         corner is to be left out. ``forced``: a force ended the way there."""
         run, why, met = self.run, "", None
+        run.publish(corner=corner.corner)
         wanted = (from_pose6(corner.T_over) * self._tool).translation
         if forced:
             met = ((await run.arm_state()).T_base_flange * self._tool).translation

@@ -10,7 +10,7 @@ import pytest
 from cell.errors import CellError
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
-from daemon.rehearsal.play import RehearsedRun
+from daemon.rehearsal.play import RehearsedRun, steps_of
 from daemon.rehearsal.words import outcome_lines, summary_lines
 from fakes.world.scenario import Scenario
 from tests.kit.cli_harness import CommandLine
@@ -20,6 +20,7 @@ FEW = {
     "placements = 3": "placements = 1",
     "poses_per_placement = 20": "poses_per_placement = 6",
 }
+OTHER = '[target.b]\ntype = "chessboard"\ncolumns = 6\nrows = 5\nsquare_m = 0.03'
 BELT_SPEEDS = {
     "speed_m_s = 0.25\naccel_m_s2 = 0.5\njoint_speed_rad_s = 0.8": (
         "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
@@ -61,6 +62,7 @@ def test_a_capture_is_rehearsed_on_a_twin_of_the_example(
         ("tracker-sampling", {"tracker", "reflectors"}),
         ("belt-calibration", {"camera", "belt", "items"}),
         ("belt-tracking", {"camera", "belt", "items", "gripper"}),
+        ("touch-test", {"camera", "target"}),
     ],
 )
 def test_a_twin_has_what_its_job_meets_and_no_address_of_the_cell(
@@ -97,6 +99,40 @@ def test_what_a_twin_draws_is_around_what_the_configuration_says(tmp_path: Path)
     assert camera.nominal == config.robot.T_flange_camera_nominal
     assert camera.T_flange_camera != camera.nominal
     assert camera.T_flange_camera == pytest.approx(camera.nominal, abs=0.08)
+
+
+def test_a_touch_test_comes_after_its_own_capture_and_a_person_holds_the_point(tmp_path: Path) -> None:
+    path = whole_example(tmp_path, FEW)
+    subject = rehearsed_cell(load_config(path), path, "touch-test", 1, tmp_path)
+    assert subject.jobs == ("cone-capture", "touch-test")
+    assert [(step.moves_board, step.held is not None) for step in steps_of(subject)] == [
+        (True, False),
+        (False, True),
+    ]
+    assert subject.config.job_section("cone-capture")["accept"]["auto"]
+    # One place for the capture, and one more where the board lies for the test.
+    assert len(Scenario.load(tmp_path / "scenario.toml").world.placement) == 2
+
+
+@pytest.mark.parametrize(
+    "replaced",
+    [
+        {
+            "payload_kg": "T_flange_target_nominal = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]\npayload_kg",
+            "placements = 3": 'setup = "eye-to-hand"\nplacements = 3',
+        },
+        {
+            'target = "board"\nlook_pose': 'target = "b"\nlook_pose',
+            "[target.board]": f"{OTHER}\n[target.board]",
+        },
+    ],
+)
+def test_a_touch_test_behind_a_capture_of_another_board_or_camera_is_refused(
+    replaced: dict[str, str], tmp_path: Path
+) -> None:
+    path = whole_example(tmp_path, replaced)
+    with pytest.raises(CellError, match="another target or a fixed camera"):
+        rehearsed_cell(load_config(path), path, "touch-test", 1, tmp_path)
 
 
 @pytest.mark.parametrize(

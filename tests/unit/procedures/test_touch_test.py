@@ -17,6 +17,7 @@ from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
 from fakes.world.scenario import Obstacle
+from procedures.beside_truth import Judged
 from procedures.documents import read_result
 from procedures.hand_eye_in_use import HAND_EYE
 from procedures.touch_test.config import TouchTestConfig
@@ -24,6 +25,7 @@ from procedures.touch_test.expectation import touch_expectation
 from procedures.touch_test.judging import solve_touch_test
 from procedures.touch_test.procedure import TouchTest
 from procedures.touch_test.states import State
+from procedures.touch_test.truth import judge_touch
 from procedures.touch_test.words import touch_lines
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused
 from tests.kit.slot_cell import HAND_EYE_COV, give_hand_eye
@@ -58,11 +60,17 @@ async def run_of(cell: ObjectCell, person: Toucher) -> dict[str, Any]:
 
 def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners(tmp_path: Path) -> None:
     async def act(cell: ObjectCell, person: Toucher) -> None:
-        give_hand_eye(cell)
+        lens = cell.plant.world.intrinsics
+        solved = {"width": lens.width, "height": lens.height, "K": list(lens.K), "dist": list(lens.dist)}
+        give_hand_eye(cell, lens={**solved, "rms_px": 0.1})
         give_reference(cell)
         found = await run_of(cell, person)
         assert (found["verdict"], found["warnings"]) == ("pass", [])
+        judged = beside_truth(cell, found)
+        assert (judged.good, judged.inside95) == (True, True), judged.text
         data = json.loads((cell.folder(1).path / "touch-test.json").read_text("utf-8"))
+        assert data["look"]["lens"] == solved
+        assert shift_with_another_told_lens(cell.folder(1).path, tmp_path) == found["result"]["shift"]
         assert data["tool_reference"] == [0.001, 0.002, 0.18]
         assert found["result"]["shift_m"] < found["uncertainty"]["shift_95_m"] < 0.001
         assert found["result"]["chance"] > 0.01
@@ -78,6 +86,24 @@ def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners
         assert judged_of(folder.path, tmp_path, [0, 1, 2, 3]).startswith("corners-on-a-line: ")
 
     scene_of(tmp_path, act)
+
+
+def beside_truth(cell: ObjectCell, found: dict[str, Any]) -> Judged:
+    """The result of the first run beside the twin's truth."""
+    return judge_touch(
+        read_result(found),  # type: ignore[arg-type]
+        cell.plant.world.truth(cell.clock.now()),
+        cell.folder(1).path,
+    )
+
+
+def shift_with_another_told_lens(run: Path, folder: Path) -> list[float]:
+    """Of the same run, had the camera told a focal length that is 0.25 % too long."""
+    data = json.loads((run / "touch-test.json").read_text("utf-8"))
+    data["look"]["camera"]["K"] = [1.0025 * k for k in data["look"]["camera"]["K"]]
+    (folder / "touch-test.json").write_text(json.dumps(data), "utf-8")
+    shift: list[float] = solve_touch_test(folder).as_json()["result"]["shift"]
+    return shift
 
 
 def give_reference(cell: ObjectCell) -> None:
@@ -112,6 +138,10 @@ def test_a_bent_tool_is_found_with_its_shift(tmp_path: Path) -> None:
         # The tool points into the board, so z is z; x and y are turned with it.
         assert abs(off["shift"][2]) == pytest.approx(bend[2], abs=of["shift_95_m"])
         assert off["turn_rad"] < of["turn_95_rad"]
+        judged = beside_truth(cell, found)
+        assert (judged.good, judged.inside95) == (True, True), judged.text
+        cell.plant.world.tool.bend(cell.clock.now(), np.array([0.0, 0.003, 0.0]))
+        assert not beside_truth(cell, found).good
 
     scene_of(tmp_path, act)
 

@@ -1,0 +1,42 @@
+"""A touch test beside the twin's truth: a tool that is bent, and else nothing, should show at the board."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.touch import common_motion
+from cell.errors import error
+from cell.poses import from_pose6
+from procedures.beside_truth import Judged
+from procedures.touch_test.data import read_data_set
+from procedures.touch_test.judging import points_of
+from procedures.touch_test.result import TouchResult
+from procedures.words import deg, mm
+
+M2_LIMIT = 20.1  # 99.73 % of a chi-square with 6 degrees of freedom lie below
+
+
+def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> Judged:
+    """Good when shift and turn, less those by which the twin's tool is bent, are within their covariance: the
+    camera of such a twin was calibrated by itself, and nobody moved it since."""
+    data, _ = read_data_set(folder)
+    if data.look is None:
+        raise error("SOLVE_REFUSED", "the board was not seen")
+    answer, of = result.result, result.uncertainty
+    standing, off = points_of(data, data.look)
+    bent = np.array(data.tool) - from_pose6(truth["T_flange_tool"]).translation
+    told = common_motion(standing.places, off.by_tool @ bent)
+    xi = np.concatenate([np.array(answer.shift) - told.shift, np.array(answer.turn) - told.turn])
+    m2 = float(xi @ np.linalg.solve(np.array(of.cov), xi))
+    shift, turn = (float(np.linalg.norm(part)) for part in (xi[:3], xi[3:]))
+    good = m2 <= M2_LIMIT
+    text = (
+        f"the tool is bent by {mm(float(np.linalg.norm(bent)))}; beyond that {mm(shift)} and {deg(turn)} "
+        f"were found; squared Mahalanobis distance {m2:.1f} (6 expected, limit {M2_LIMIT}): "
+        f"{'consistent with' if good else 'NOT consistent with'} the stated uncertainty"
+    )
+    stated = f"off by {mm(answer.shift_m)} +- {mm(of.shift_95_m)} (95 %)"
+    inside = shift <= of.shift_95_m and turn <= of.turn_95_rad
+    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", inside)
