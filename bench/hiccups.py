@@ -22,19 +22,24 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from bench._expected import expect
+from bench.slot_wire import give_hand_eye
+from cell.calibrations import kinematics
 from cell.errors import CellError
+from cell.poses import from_pose6, to_pose6
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
 from daemon.demo.ending import beside_truth
 from fakes.twin.control import ask
+from fakes.world.scenario import OBSERVED, Scenario
 from procedures.beside_truth import Judged
 from procedures.documents import kind_of
 from procedures.registry import JOBS
@@ -53,7 +58,8 @@ MOTION, VISION = "drivers.ur.motion_child", "daemon.vision_child"
 
 @dataclass(frozen=True)
 class InterruptedJob:
-    """A job, the scenario it runs in, the jobs before it, and whether it sees with a camera."""
+    """A job, the scenario it runs in, the jobs before it, whether it sees with a camera, and what a person
+    does when it asks, by its status."""
 
     scenario: str
     before: tuple[str, ...] = ()
@@ -62,6 +68,7 @@ class InterruptedJob:
     finish_after_s: float | None = None
     keys: dict[str, Any] = field(default_factory=dict)
     more: str = ""
+    answer: Callable[[WireCell, dict[str, Any]], None] = lambda cell, status: place_target(cell)
 
     @property
     def text(self) -> str:
@@ -69,6 +76,61 @@ class InterruptedJob:
         return shipped(self.scenario, **self.keys) + self.more
 
 
+def place_target(cell: WireCell) -> None:
+    """The target is put where it is wanted next."""
+    ask(cell.folder, {"do": "operator", "next": True})
+
+
+def hold_point(cell: WireCell, status: dict[str, Any]) -> None:
+    """The tool's point is brought over the corner that the job is at."""
+    corner = int(status["live"]["corner"])
+    order = {"do": "operator", "over": corner, "gauge_m": GAUGE_M, "hand_m": HAND_M}
+    pause(ask(cell.folder, order))
+
+
+def calibrate_palletizer(cell: WireCell) -> None:
+    """Commit the observed arm's true kinematics, as of a sampling; only before the daemon starts."""
+    state = Path(cell.config()["cell"]["state_dir"])
+    state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with closing(Ledger(state / "ledger.sqlite")) as ledger:
+        value = observed_kinematics(ask(cell.folder, {"do": "truth"}))
+        ledger.accept(ledger.propose(kinematics(OBSERVED), value, {}, 0, None), "bench")
+
+
+def observed_kinematics(truth: dict[str, Any]) -> dict[str, Any]:
+    """What a perfect sampling of the palletizer would have found, by the twin's ``truth``."""
+    tracker = truth["tracker"]
+    place = dict(zip(("tx", "ty", "tz"), tracker["reflectors"]["smr1"]["point"], strict=True))
+    return {
+        "robot": {"family": "palletizer4", "parameters": truth["observed"]["parameters"] | place},
+        "T_base_tracker": tracker["T_base_tracker"],
+        "payload_kg": 60.0,
+        "predicted_95": 1e-4,
+    }
+
+
+def eye_to_hand() -> str:
+    """A check whose target is where the scenario truly has it on the flange."""
+    on_flange = Scenario.load("hand_eye_to_hand:ideal").world.target_mounts[0]
+    place = to_pose6(from_pose6(on_flange).inv()).tolist()
+    return f"""
+[cell.job.eye-to-hand-check]
+target = "board"
+T_marker_flange = {place}
+start_pose = "home"
+poses = 14
+min_poses = 12
+nearest_m = 0.4
+farthest_m = 0.7
+"""
+
+
+GAUGE_M, HAND_M = 0.003, 0.0002  # as the job has them by default
+TOUCH = """
+[cell.job.touch-test]
+target = "board"
+look_pose = "home"
+"""
 ISO9283 = """
 [cell.job.iso9283]
 reflector = "smr1"
@@ -89,6 +151,13 @@ SCENES = {
     "iso9283": InterruptedJob("tracker", more=ISO9283),
     "belt-calibration": InterruptedJob("picking", camera=True, first=calibrate_camera),
     "belt-tracking": InterruptedJob("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
+    "eye-to-hand-check": InterruptedJob(
+        "hand_eye_to_hand", camera=True, first=calibrate_camera, more=eye_to_hand()
+    ),
+    "touch-test": InterruptedJob(
+        "hand_eye", camera=True, first=partial(give_hand_eye, seed=0), more=TOUCH, answer=hold_point
+    ),
+    "corrected-targets": InterruptedJob("palletizer", first=calibrate_palletizer),
 }
 
 
@@ -163,7 +232,7 @@ class Bench:
             now = time.monotonic()
             if status["prompt"]:
                 with suppress(CellError):
-                    ask(cell.folder, {"do": "operator", "next": True})
+                    self.scene.answer(cell, status)
                 with suppress(CellError):
                     cell.call("confirm", prompt_id=status["prompt"]["id"])
             limit = self.scene.finish_after_s
