@@ -1,7 +1,7 @@
 """Play the runs of a rehearsal on virtual time, and tell what came of the last one."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +10,11 @@ from daemon.config import CellConfig
 from daemon.demo.ending import beside_truth
 from daemon.demo.fast import run_objects
 from daemon.demo.steps import Bump, Step
+from daemon.predictions import prediction_of
 from daemon.rehearsal.objects import RehearsedCell, rehearsed_cell
 from procedures.beside_truth import Judged
+from procedures.documents import kind_of, read_result
+from procedures.kind import load
 
 BUMP = Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006))
 
@@ -22,8 +25,9 @@ class RehearsedRun:
 
     ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
     far the result is from the twin's truth; ``good`` whether the two agree, ``inside95`` whether
-    each error is below the 95 % limit that was stated, None where none was. ``lost`` are poses and passes
-    that fell out, with the reason; ``report`` is a file.
+    each error is below the 95 % limit that was stated, None where none was. Of a kind that no truth can judge
+    ``good`` is None, and there are ``expected``, what was predicted, and ``told``, the result in words.
+    ``lost`` are poses and passes that fell out, with the reason; ``report`` is a file.
     """
 
     seed: int
@@ -32,15 +36,17 @@ class RehearsedRun:
     verdict: str = ""
     stated: str = ""
     off: str = ""
-    good: bool = False
+    good: bool | None = False
     inside95: bool | None = None
+    expected: str = ""
+    told: list[str] = field(default_factory=list)
     why: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     report: str = ""
 
     @property
     def succeeded(self) -> bool:
-        return self.ended == "complete" and self.verdict in ("pass", "warn") and self.good
+        return self.ended == "complete" and self.verdict in ("pass", "warn") and self.good is not False
 
     def as_dict(self) -> dict[str, Any]:
         return {**asdict(self), "succeeded": self.succeeded}
@@ -59,7 +65,10 @@ def rehearse(
         if (before.read_end() or {}).get("outcome") != "complete":
             return _failed(before, seed, f"{before.job}, which has to come first, did not end well")
     run_id, truth = runs[-1]
-    return _outcome(load_run(where, run_id), truth, seed)
+    outcome = _outcome(load_run(where, run_id), truth, seed)
+    if outcome.good is None and (made := prediction_of(config, job, tool)):
+        outcome = replace(outcome, expected=str(made["text"]))
+    return outcome
 
 
 def steps_of(cell: RehearsedCell) -> list[Step]:
@@ -86,8 +95,12 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
     if end.get("outcome") != "complete" or result is None:
         return _failed(run, seed)
     judged: Judged | None = None
+    told: list[str] | None = None
     if result["result"] is not None:
-        judged = beside_truth(result, truth, run.path)
+        if kind_of(result).truth:
+            judged = beside_truth(result, truth, run.path)
+        else:
+            told = load(kind_of(result).words)(read_result(result))
     report = run.path / "report.html"
     return RehearsedRun(
         seed=seed,
@@ -96,8 +109,9 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
         verdict=str(result["verdict"]),
         stated="" if judged is None else judged.stated,
         off="" if judged is None else judged.off,
-        good=judged is not None and judged.good,
+        good=None if told is not None else judged is not None and judged.good,
         inside95=None if judged is None else judged.inside95,
+        told=told or [],
         why=[str(reason) for reason in result.get("reasons") or ()],
         lost=_lost(run.read_journal()),
         report=str(report) if report.exists() else "",

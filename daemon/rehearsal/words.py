@@ -17,6 +17,11 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
     if outcome.stated:
         words = "agrees with" if outcome.good else "does NOT agree with"
         yield f"  stated: {outcome.stated}; off the twin's truth: {outcome.off}, which {words} it"
+    if outcome.expected:
+        yield f"  expected of the cell: {outcome.expected}"
+    yield from outcome.told
+    if outcome.good is None:
+        yield "  not compared with the twin's truth: there is no such comparison for this kind of result"
     for text, number in Counter(outcome.lost).most_common(MOST_LINES):
         yield f"  fell out: {text}" + (f" ({number} times)" if number > 1 else "")
     more = len(set(outcome.lost)) - MOST_LINES
@@ -33,11 +38,9 @@ def summary_lines(job: str, outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
     good = sum(outcome.succeeded for outcome in outcomes)
     times = [outcome.seconds for outcome in outcomes if outcome.ended == "complete"]
     span = f", in {_time(min(times))} to {_time(max(times))} of the cell" if times else ""
-    agreeing = sum(outcome.good for outcome in outcomes)
-    yield (
-        f"{job}: ended well in {good} of {len(outcomes)} twins{span}; the result agreed with the truth in "
-        f"{agreeing}"
-    )
+    judged = [outcome.good for outcome in outcomes if outcome.good is not None]
+    agreed = f"; the result agreed with the truth in {sum(judged)}" if len(judged) == len(outcomes) else ""
+    yield f"{job}: ended well in {good} of {len(outcomes)} twins{span}{agreed}"
 
 
 def _time(seconds: float) -> str:

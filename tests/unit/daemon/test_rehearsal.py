@@ -4,23 +4,34 @@ import json
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from cell.clock import MonotonicClock
 from cell.errors import CellError
+from cell.store.runs import RunFolder
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
-from daemon.rehearsal.play import RehearsedRun, steps_of
+from daemon.rehearsal.play import RehearsedRun, rehearse, steps_of
 from daemon.rehearsal.words import outcome_lines, summary_lines
 from fakes.world.scenario import Scenario
 from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import whole_example
+from tests.kit.whole_results import whole
 
 FEW = {
     "placements = 3": "placements = 1",
     "poses_per_placement = 20": "poses_per_placement = 6",
 }
 OTHER = '[target.b]\ntype = "chessboard"\ncolumns = 6\nrows = 5\nsquare_m = 0.03'
+ISO9283 = """[job.iso9283]
+reflector = "smr1"
+point = [-0.05, 0.0, 0.06]
+cube = { centre = [-0.6, -0.5, 0.7], edge_m = 0.3, R_base_flange = [1.38, -0.74, -0.78] }
+cycles = 2
+T_base_tracker_nominal = [-2.4, -1.7, 1.1, 0.0, 0.0, -0.95]
+[job.tracker-sampling]"""
 BELT_SPEEDS = {
     "speed_m_s = 0.25\naccel_m_s2 = 0.5\njoint_speed_rad_s = 0.8": (
         "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
@@ -178,3 +189,26 @@ def test_a_rehearsal_says_how_it_ended_and_what_fell_out() -> None:
     (line,) = summary_lines("cone-capture", [good, bad])
     assert line.startswith("cone-capture: ended well in 1 of 2 twins, in 1 min 35 s to 1 min 35 s")
     assert (good.succeeded, bad.succeeded) == (True, False)
+
+
+def test_a_job_that_no_truth_can_judge_is_told_beside_its_prediction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def played(config: Any, steps: Any) -> tuple[list[tuple[int, dict[str, Any]]], None]:
+        runs = Path(config.cell.state_dir) / "runs"
+        run = RunFolder.create(runs, steps[-1].job, 1, {}, MonotonicClock())
+        run.write_result(whole({"kind": "iso9283", "verdict": "pass", "result": {}}))
+        run.finish({"outcome": "complete", "packml": "COMPLETE", "verdict": "pass", "error": None})
+        return [(1, {})], None
+
+    monkeypatch.setattr("daemon.rehearsal.play.run_objects", played)
+    told = {"text": "14 arrivals"}
+    monkeypatch.setattr("daemon.rehearsal.play.prediction_of", lambda *_: told)
+    path = whole_example(tmp_path, {"[job.tracker-sampling]": ISO9283})
+    subject = rehearse(load_config(path), path, "iso9283", 1, tmp_path)
+    assert (subject.good, subject.inside95, subject.succeeded) == (None, None, True)
+    text = "\n".join(outcome_lines("iso9283", subject))
+    assert "  expected of the cell: 14 arrivals" in text
+    assert "P1: AP " in text
+    assert "not compared with the twin's truth: there is no such comparison" in text
+    assert "agree" not in text + "".join(summary_lines("iso9283", [subject, subject]))
