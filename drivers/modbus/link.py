@@ -1,5 +1,6 @@
 """One Modbus connection through pymodbus, without its retries and without its reconnecting."""
 
+import asyncio
 import ssl
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerType
 from pymodbus.transport import CommParams, CommType
 
+from cell.answer_time import answer_within
 from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.wire_recording.tap import NO_TAP, Tap, tap
@@ -17,8 +19,6 @@ from drivers.modbus.address import ModbusAddress
 from drivers.modbus.registers import Span, Table
 
 _REFUSAL_BIT = 0x80
-# More than pymodbus would take before it closes the connection; when a link is lost is our decision.
-_NEVER = 1_000_000
 
 _CALLS = {
     Table.COILS: "read_coils",
@@ -73,6 +73,7 @@ class ModbusLink:
     ) -> None:
         self._name, self._config, self._clock = name, config, clock
         self._disconnected = disconnected
+        self._turn = asyncio.Lock()  # who waits for it waits for no reply yet
         self._client: Any = None
         self._reason = ""
         self._tap: Tap = NO_TAP
@@ -96,7 +97,6 @@ class ModbusLink:
             received(data)
 
         client.ctx.data_received = note_and_receive
-        client.set_max_no_responses(_NEVER)
         create = client.ctx.call_create
 
         async def create_or_note() -> Any:
@@ -112,8 +112,9 @@ class ModbusLink:
             reason = self._reason or f"no connection in {config.connect_timeout_s:g} s"
             await self.close()
             raise self._unreachable(reason)
-        # The one timeout of pymodbus is for connecting and for replies alike.
-        client.ctx.comm_params.timeout_connect = config.timeout_s
+        # We wait for replies ourselves; pymodbus would count a pause of this process against the module,
+        # and close the connection after some timeouts.
+        client.ctx.comm_params.timeout_connect = None
 
     async def close(self) -> None:
         """End the connection without waiting for the other end."""
@@ -171,8 +172,9 @@ class ModbusLink:
         if self._client is None:
             raise NoAnswer("the connection is closed")
         try:
-            reply = await call()
-        except ModbusException as exc:
+            async with self._turn, answer_within(self._config.timeout_s):
+                reply = await call()
+        except (ModbusException, TimeoutError) as exc:
             await self._let_late_replies_pass()
             raise NoAnswer(f"no answer in {self._config.timeout_s:g} s") from exc
         if (answered := reply.function_code & ~_REFUSAL_BIT) != function:

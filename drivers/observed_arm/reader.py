@@ -114,14 +114,18 @@ class ObservedArmReader(SampledDevice):
 
         False, and nothing is written, without a handshake or without ``allow_requests``: a person must move
         the arm then. True says that the offer lies in the registers, not that the arm goes there; watch
-        ``joints``. ``OBSERVED_REQUEST_LOST``, ``MODBUS_REFUSED``, ``CALL_TIMEOUT``, ``ARGUMENT_INVALID``.
+        ``joints``. ``OBSERVED_REQUEST_LOST``, ``MODBUS_REFUSED``, ``ARGUMENT_INVALID``; ``DEVICE_LOST``
+        without an answer: the program may have taken the offer all the same, so ask again with another
+        number, or take it back.
         """
         source = self._opened(self._source)
         try:
             asked = await source.request(number, q)
-        except CellError:
+        except (NoAnswer, CellError) as exc:
             self._life.require()  # a link that ended meanwhile is the reason
-            raise
+            if isinstance(exc, CellError):
+                raise
+            raise error("DEVICE_LOST", self._silence(f"request of pose {number}: {exc}")) from exc
         if asked:
             log.info("%s: %s", self.name, f"pose {number} is asked for" if number else "nothing is asked for")
         return asked

@@ -11,7 +11,7 @@ from cell.devices import Identity
 from cell.errors import error
 from cell.poses import Array
 from drivers.modbus.identify import identify
-from drivers.modbus.link import ModbusLink, NoAnswer
+from drivers.modbus.link import ModbusLink
 from drivers.modbus.registers import Span, Table
 from drivers.observed_arm.config import HandshakeConfig, ObservedArmConfig
 from drivers.observed_arm.joint_source import ObservedJoints
@@ -72,17 +72,15 @@ class RegisterSource:
         """Write a request; False without handshake or permission. Errors of the link, or 2351.
 
         The number is set to 0 before and to ``number`` after the joints, which are read back in between: the
-        program never finds a number beside joints that do not belong to it.
+        program never finds a number beside joints that do not belong to it. ``NoAnswer`` leaves open how much
+        of that was written.
         """
         handshake = self._config.handshake
         if handshake is None or not self._config.allow_requests:
             return False
         words = [] if number == 0 else self._request_words(number, q)
         async with self._asking:
-            try:
-                await self._ask(handshake, number, words)
-            except NoAnswer as exc:
-                raise error("CALL_TIMEOUT", f"{self._name}: request of pose {number}: {exc}") from exc
+            await self._ask(handshake, number, words)
         return True
 
     def health(self) -> dict[str, Any]:

@@ -282,7 +282,9 @@ def test_a_request_without_an_answer_or_without_a_link_is_told_as_that(tmp_path:
             subject = reader(twin.device(), timeout_s=0.5, lost_after_failures=20)
             await subject.open()
             board.inject("palletizer", "silence", {})
-            assert (await refused(subject.request(1, THERE))).name == "CALL_TIMEOUT"
+            unanswered = await refused(subject.request(1, THERE))
+            assert unanswered.name == "DEVICE_LOST"
+            assert "request of pose 1: no answer in 0.5 s; last received" in unanswered.detail
             board.inject("palletizer", "half-open", {})
             asking = asyncio.ensure_future(subject.request(1, THERE))
             await asyncio.sleep(0.05)
