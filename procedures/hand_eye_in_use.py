@@ -2,6 +2,7 @@
 
 from scipy.spatial.transform import RigidTransform
 
+from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import from_pose6
 from cell.run_values import RunValues
@@ -21,6 +22,16 @@ def require_hand_eye(values: RunValues) -> RigidTransform:
         raise error("KINEMATICS_DIFFER", why)
     known = values.calibration["eye-in-hand"] or {}
     return from_pose6(known["X"])
+
+
+def solved_lens(values: RunValues, told: Intrinsics) -> Intrinsics | None:
+    """The lens that belongs to ``T_flange_camera``, which with another one is of another pose; None where the
+    calibration has none for pictures of the size that is ``told``."""
+    found = values.uncertainty[HAND_EYE].get("lens")
+    if found is None or (found["width"], found["height"]) != (told.width, told.height):
+        return None
+    fx, fy, cx, cy = found["K"]
+    return Intrinsics(told.width, told.height, (fx, fy, cx, cy), tuple(found["dist"]))
 
 
 def arm_rms_m(values: RunValues) -> float | None:

@@ -35,7 +35,8 @@ class HandEyeKnown(Strict):
 class LookTaken(Strict):
     """The measuring look; pictures by their names in the run folder.
 
-    ``looks`` at the slot so far, this one included.
+    ``camera`` is as it tells itself; ``lens`` as the hand-eye was solved with, None without one. ``looks`` at
+    the slot so far, this one included.
     """
 
     what: Literal["opening", "part"]
@@ -46,6 +47,7 @@ class LookTaken(Strict):
     colour: list[str]
     depth: list[str]
     camera: Camera
+    lens: Camera | None = None
     reach_m: Length
     looks: int = Field(default=1, ge=1)
 
@@ -53,7 +55,7 @@ class LookTaken(Strict):
         return Look(
             [folder / name for name in self.colour],
             [folder / name for name in self.depth],
-            self.camera.model_dump(),
+            (self.lens or self.camera).model_dump(),
             self.T_base_camera,
             self.T_base_slot,
             self.sigma,

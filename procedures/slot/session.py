@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ArmState, Speed
+from cell.devices import ArmState, Intrinsics, Speed
 from cell.errors import error, present
 from cell.formats.capture import Camera
 from cell.motion import MotionLease
@@ -18,7 +18,7 @@ from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Run
 from cell.store.files import write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
-from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m
+from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, solved_lens
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.data import DATA_FILE, HandEyeKnown, InsertionOutcome, LookTaken, SlotData
 from procedures.slot.judging import measured_in_run, refusal
@@ -292,7 +292,8 @@ class InsertionRun:
             if len(pictures) < look.frames:
                 text = f"{self.camera.name} gave {len(pictures)} of {look.frames} pictures"
                 raise error("CAMERA_FAULT", text)
-            camera = frames[0].intrinsics
+            told = frames[0].intrinsics
+            lens = solved_lens(run.values, told)
             return LookTaken(
                 what="part" if what == "part" else "opening",
                 q=[float(v) for v in arm.q],
@@ -301,9 +302,8 @@ class InsertionRun:
                 sigma=sigma,
                 colour=[colour.name for colour, _ in pictures],
                 depth=[depth.name for _, depth in pictures],
-                camera=Camera(
-                    width=camera.width, height=camera.height, K=list(camera.K), dist=list(camera.dist)
-                ),
+                camera=_camera(told),
+                lens=None if lens is None else _camera(lens),
                 reach_m=reach_m,
                 looks=2 if state is S.MEASURE else 1,
             )
@@ -341,3 +341,7 @@ class InsertionRun:
 
 def _six(T: RigidTransform) -> list[float]:
     return [float(v) for v in to_pose6(T)]
+
+
+def _camera(lens: Intrinsics) -> Camera:
+    return Camera(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist))

@@ -42,6 +42,10 @@ class CameraSeen(Strict):
     K: Lens
     dist: list[Coefficient]
 
+    @classmethod
+    def of(cls, lens: Intrinsics) -> Self:
+        return cls(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist))
+
     def intrinsics(self) -> Intrinsics:
         fx, fy, cx, cy = self.K
         return Intrinsics(self.width, self.height, (fx, fy, cx, cy), tuple(self.dist))

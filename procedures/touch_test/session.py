@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import Arm, Frame, Intrinsics, Speed, flange_poses
+from cell.devices import Arm, Frame, Speed, flange_poses
 from cell.errors import CellError, error
 from cell.formats.capture import TargetTable
 from cell.motion import MotionLease
@@ -21,7 +21,7 @@ from cell.procedure import FinishRequested, Run
 from cell.standstill import measured_standstill
 from cell.store.files import to_json, write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
-from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, require_hand_eye
+from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, require_hand_eye, solved_lens
 from procedures.touch_test.config import TouchTestConfig
 from procedures.touch_test.data import DATA_FILE, CameraSeen, LookTaken, PointStood, TouchData
 from procedures.touch_test.judging import require_clearance
@@ -115,23 +115,17 @@ class TouchRun:
         if len(ids) < FEWEST_SEEN:
             text = f"{len(ids)} points of '{config.target}' show in all {len(frames)} pictures of the look"
             raise error("BOARD_NOT_SEEN", f"{text}; {FEWEST_SEEN} are needed")
-        lens = frames[0].intrinsics
+        told = frames[0].intrinsics
+        lens = solved_lens(run.values, told)
         return LookTaken(
             q=[float(v) for v in np.mean([state.q for state in states], axis=0)],
             T_base_flange=_six(flange_poses(states).mean()),
             ids=ids,
             corners=corners,
             frames=len(frames),
-            camera=CameraSeen(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist)),
-            lens=self._solved_lens(lens),
+            camera=CameraSeen.of(told),
+            lens=None if lens is None else CameraSeen.of(lens),
         )
-
-    def _solved_lens(self, told: Intrinsics) -> CameraSeen | None:
-        """The lens that belongs to the hand-eye, which with another one is of another pose."""
-        found = self.run.values.uncertainty[HAND_EYE].get("lens")
-        if found is None or (found["width"], found["height"]) != (told.width, told.height):
-            return None
-        return CameraSeen(**{key: found[key] for key in ("width", "height", "K", "dist")})
 
     # -- the corners
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.devices import Intrinsics
 from cell.poses import from_pose6
 from daemon.config import CellConfig
 from fakes.object import run_virtual
@@ -69,7 +70,20 @@ def run_of(
     run_virtual(scene())
 
 
-def test_a_part_is_fetched_measured_and_inserted(tmp_path: Path) -> None:
+def give_hand_eye_with_its_lens(cell: ObjectCell) -> None:
+    give_hand_eye(cell, lens={**lens_of(cell.plant.world.intrinsics), "rms_px": 0.1})
+
+
+def lens_of(lens: Intrinsics) -> dict[str, Any]:
+    return {"width": lens.width, "height": lens.height, "K": list(lens.K), "dist": list(lens.dist)}
+
+
+def test_a_part_is_fetched_measured_and_inserted_by_the_lens_that_belongs_to_the_hand_eye(
+    tmp_path: Path,
+) -> None:
+    told = "[world.camera.told]\nfocal = 0.003\ncentre_px = [4.0, -3.0]\n\n"
+    scenario = scenario_with(tmp_path, "[world.camera.stereo]", told + "[world.camera.stereo]")
+
     def look(ran: Ran) -> None:
         assert ran.result is not None
         assert ran.result["verdict"] == "pass"
@@ -92,10 +106,14 @@ def test_a_part_is_fetched_measured_and_inserted(tmp_path: Path) -> None:
         data, _ = read_data_set(ran.cell.folder(ran.run).path)
         assert data.look is not None
         assert data.look.looks == 2
+        world = ran.cell.plant.world
+        assert data.look.camera.model_dump(exclude={"sigma"}) == lens_of(world.told_intrinsics)
+        assert data.look.lens is not None
+        assert data.look.lens.model_dump(exclude={"sigma"}) == lens_of(world.intrinsics)
         again = SlotInsertion.solve_again(ran.cell.folder(ran.run).path / "slot.json", {}, {})
         assert again.as_json()["result"] == ran.answer
 
-    run_of(config(tmp_path), look)
+    run_of(config(tmp_path, scenario=scenario), look, give_hand_eye_with_its_lens)
 
 
 def test_a_part_is_replaced_by_another(tmp_path: Path) -> None:
