@@ -31,6 +31,7 @@ from cell.errors import present
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
 from procedures.laser.judging import judge_check, judge_moved, why_not, worth_another
+from procedures.laser.packed import unpacked
 from procedures.laser.record import DATA_FILE, SECOND, THIRD
 from procedures.laser.result import LaserAnswer, LaserResult, MovedTest, ReferenceResult
 from procedures.laser.solve.solver import solve_laser
@@ -133,7 +134,9 @@ class Fixture:
         folder = self.folder / name
         folder.mkdir(parents=True)
         record = take(self.world, folder, self.plan, places, STATED_M, tool)
-        then, now = (record.passes, []) if reference is None else (reference["passes"], record.passes)
+        then, now = record.passes, []
+        if reference is not None:
+            then, now = [unpacked(entry) for entry in reference["passes"]], record.passes
         data = {
             "schema": "cellward.laser/1",
             **header,

@@ -13,7 +13,8 @@ from cell.formats.result import Envelope, StepTakenAgain
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
-from daemon.stored_result import in_worker, kept_of, texts_of
+from daemon.stored_result import kept_of, texts_of
+from procedures.in_worker import in_worker
 from procedures.kinematics_in_use import in_words, misfits, with_model
 
 log = logging.getLogger("cellward.results")

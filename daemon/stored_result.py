@@ -1,26 +1,17 @@
-"""A result on its way to the disk, and what the daemon keeps of it: made in the solver's process.
+"""A result on its way to the disk, and what the daemon keeps of it: made in the solver's process."""
 
-A crossed-beam scan is megabytes of JSON. A thread of the daemon that makes them holds the interpreter while
-other programs have its core, and the loop, which watches the arm, waits for both.
-"""
-
-import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from pydantic import BaseModel
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.formats.result import NO_FIGURES, Envelope, Figures
-from cell.procedure import Worker
 from cell.store.files import plain, to_json
 from cell.store.json_text import JsonText
 from cell.store.summary import summary
 from procedures.documents import read_result
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -54,16 +45,6 @@ def texts_of(result: Envelope, where: str, value: Any) -> Texts:
     return Texts(JsonText(to_json(document, indent=1)), JsonText(to_json(dumped)), _kept(document, where))
 
 
-async def in_worker(worker: Worker, fn: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """``fn(*args)`` in the solver's process, or in a thread when that died: it must not cost a result."""
-    try:
-        return await worker.call(fn, *args, **kwargs)
-    except CellError as exc:
-        if exc.name != "CHILD_DIED":
-            raise
-    return await asyncio.to_thread(fn, *args, **kwargs)
-
-
 def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a result that a status shows: without what is long, as the ledger keeps it."""
     kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
@@ -77,4 +58,7 @@ def _kept(document: Mapping[str, Any], where: str) -> Kept:
         figures, misfit = read_result(document, where).figures(), None
     except CellError as exc:
         figures, misfit = NO_FIGURES, exc
+    except Exception as exc:  # of a kind of another package: it must not cost the result
+        said = f"{where}: its figures cannot be told: {type(exc).__name__}: {exc}"
+        figures, misfit = NO_FIGURES, error("RESULT_INVALID", said)
     return Kept(figures, summary_of(document), summary(document), misfit)

@@ -1,6 +1,5 @@
 """Job ``laser-check``: where the tool is now, against its reference; measured, and nothing proposed."""
 
-import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -94,9 +93,7 @@ async def measure(
     await run.enter(S.SOLVE, f"{len(record.passes)} ways")
     reference = known_reference(run.values)
     header = data_header(measurement, reference)
-    path = await asyncio.to_thread(
-        record.write_data_set, header, reference["passes"], record.passes, scan.complete
-    )
+    path = await record.write_data_set(run.worker, header, reference["passes"], scan.complete)
     run.note("solve", event="started", passes=len(record.passes))
     run.result = found = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
     if isinstance(found, LaserResult) and (test := found.result.moved) is not None:

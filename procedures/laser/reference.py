@@ -1,6 +1,5 @@
 """Job ``laser-reference``: where the beams are, and where a tool that is known to be good meets them."""
 
-import asyncio
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,10 +13,10 @@ from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.laser.health import keep_health
 from procedures.laser.judging import finished_early, judge_reference
 from procedures.laser.measurement import Measurement, check_poses, check_speeds, nominal_header
-from procedures.laser.packed import unpacked
+from procedures.laser.packed import same_passes
 from procedures.laser.record import PassRecord
 from procedures.laser.result import ReferenceResult
-from procedures.laser.solving import PLAIN_SCHEMA, solve_new_reference
+from procedures.laser.solving import solve_new_reference
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
 S = ScanState
@@ -74,7 +73,7 @@ class LaserReference(Procedure):
         await run.enter(S.SOLVE, f"{len(record.passes)} ways")
         tool = run.values.tool
         header = nominal_header(measurement, tool, self.config.pin_radius_m)
-        path = await asyncio.to_thread(record.write_data_set, header, record.passes, [], scan.complete)
+        path = await record.write_data_set(run.worker, header, None, scan.complete)
         run.note("solve", event="started", passes=len(record.passes))
         known = known_of(self.config, run.values, measurement.search.device)
         run.result = await run.worker.call(solved_reference, path, known, self.config.model_dump())
@@ -90,9 +89,7 @@ class LaserReference(Procedure):
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         config = LaserReferenceConfig.model_validate(info["job_config"])
         known = known_of(config, RunValues.of(info["values"]), info["config"]["robot"]["beams"])
-        found = solved_reference(path, known, info["job_config"])
-        old = (recorded.get("result") or {}).get("schema") == PLAIN_SCHEMA
-        return with_plain_passes(found) if old else found
+        return with_passes_of(recorded, solved_reference(path, known, info["job_config"]))
 
     def _measurement(self, run: Run) -> Measurement:
         search = Search.from_config(self.config, run.values.poses, run.inputs("beams").name)
@@ -100,12 +97,18 @@ class LaserReference(Procedure):
         return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose)
 
 
-def with_plain_passes(found: Envelope) -> Envelope:
-    """As an earlier version recorded it, for comparing a run that is solved again with its record."""
-    if not isinstance(found, ReferenceResult):
+def with_passes_of(recorded: Mapping[str, Any], found: Envelope) -> Envelope:
+    """``found`` with the passes as they were recorded, where they hold the same.
+
+    An earlier version recorded them plain, and another computer may compress them to other texts.
+    """
+    answer = recorded.get("result") or {}
+    passes = answer.get("passes")
+    if not isinstance(found, ReferenceResult) or not passes:
         return found
-    passes = [unpacked(entry) for entry in found.result.passes or []]
-    return found.changed(result=found.result.changed(passes=passes, schema_=PLAIN_SCHEMA))
+    if not same_passes(passes, found.result.passes or []):
+        return found
+    return found.changed(result=found.result.changed(passes=passes, schema_=answer.get("schema")))
 
 
 def known_of(config: LaserReferenceConfig, values: RunValues, device: str) -> dict[str, Any]:

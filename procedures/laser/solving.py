@@ -23,8 +23,7 @@ from procedures.laser.result import LaserAnswer, ReferenceResult, SecondScan
 from procedures.laser.solve.data import scene_of
 from procedures.laser.solve.solver import solve_reference
 
-PLAIN_SCHEMA = "cellward.laser-reference/1"  # with the passes as the data set has them
-REFERENCE_SCHEMA = "cellward.laser-reference/2"
+REFERENCE_SCHEMA = "cellward.laser-reference/2"  # the first had the passes as the data set has them
 
 
 def solve_new_reference(path: Path, known: Mapping[str, Any]) -> ReferenceResult | Result:

@@ -5,7 +5,6 @@ so that the candidate's point follows the reference's path. Only when the point 
 uncertainty is it committed; in every other way out it is rejected, and the old frame stays.
 """
 
-import asyncio
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -198,9 +197,7 @@ class _Candidate:
             self.why = f"the {name} scan was finished early"
             return None
         header = data_header(self.measurement, reference)
-        await asyncio.to_thread(
-            record.write_data_set, header, reference["passes"], record.passes, scan.complete
-        )
+        await record.write_data_set(run.worker, header, reference["passes"], scan.complete)
         known = {k: reference[k] for k in ("T_flange_tool", "R_base_flange")}
         first, chance = self.measured.result, self.config.false_alarm
         found = await run.worker.call(compare_second, run.folder / DATA_FILE, first, known, chance)
