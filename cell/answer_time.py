@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 TICK_S = 0.1
+MOST_LOST_S = 5.0
 
 
 @asynccontextmanager
@@ -12,27 +13,29 @@ async def answer_within(seconds: float) -> AsyncIterator[None]:
     """``TimeoutError`` when the body takes longer than ``seconds``.
 
     A process that stood still finds timers run out and answers arrived at once, and its loop serves the
-    timers first. Time that the loop itself lost is therefore not counted, and the body gets one more look.
+    timers first. Where the loop lost more than ``TICK_S`` at once, that time is not counted, up to
+    ``MOST_LOST_S`` in all, and the body gets another look at what has arrived.
     """
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(None) as limit:
-        left, spared, due = max(seconds, 0.0), False, loop.time()
+        end, forgivable, due = loop.time() + seconds, MOST_LOST_S, loop.time()
         timer: asyncio.TimerHandle | None = None
 
         def look() -> None:
-            nonlocal left, spared
-            stood_still = loop.time() - due > TICK_S
-            if left <= 0.0 and stood_still and not spared:
-                left, spared = TICK_S, True
-            if left <= 0.0:
-                limit.reschedule(loop.time())
+            nonlocal end, forgivable
+            now = loop.time()
+            if now - due > TICK_S and forgivable > 0.0:
+                forgiven = min(now - due, forgivable)
+                forgivable -= forgiven
+                end = max(end + forgiven, now + TICK_S)
+            if now >= end:
+                limit.reschedule(now)
             else:
                 wait()
 
         def wait() -> None:
-            nonlocal left, due, timer
-            planned = min(left, TICK_S)
-            left, due = left - planned, loop.time() + planned
+            nonlocal due, timer
+            due = min(loop.time() + TICK_S, end)
             timer = loop.call_at(due, look)
 
         wait()

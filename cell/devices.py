@@ -392,7 +392,7 @@ class TrackerState:
     point: Array | None  # (3,) of the reflector's centre in the tracker frame, m
     locked: bool
     status: str = ""  # in the instrument's words, when something is not as it should be
-    rotation: Array | None = None  # (3,) rotation vector of a six-degree target in the tracker frame, rad
+    rotation: Array | None = None  # (3,) rotation vector of a six-degree target, rad; see tracker-lines
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,11 @@ def keep_shown(run: Run) -> None:
     """What registers and status show of a result that was not stored, as its run was stopped before."""
     if run.result is None or run.shown is not None:
         return
-    kept = kept_of(run.result, f"the result of run {run.id}")
+    try:
+        kept = kept_of(run.result, f"the result of run {run.id}")
+    except Exception:  # of a kind of another package: the next run must be able to start
+        log.exception("the result of run %d cannot be shown", run.id)
+        return
     if kept.misfit is not None:
         log.error("registers show nothing of the result: %s", kept.misfit)
     run.figures, run.shown = kept.figures, kept.shown

@@ -1,7 +1,7 @@
 """An arm that its own program or an operator moves, asked by a job, and seen at rest."""
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Protocol
 
 import numpy as np
@@ -44,8 +44,9 @@ class AskedArm:
         except BaseException:
             try:
                 await self._take_back()
-            except CellError as failure:  # what failed first is the reason
-                self._run.note("error", event="request not taken back", **failure.as_dict())
+            except CellError as failure:
+                with suppress(CellError):  # what failed first is the reason
+                    self._run.note("error", event="request not taken back", **failure.as_dict())
             raise
         await self._run.take_step("take the request back", self._take_back)
 

@@ -37,7 +37,7 @@ class IsoSample(Strict):
     """One arrival at rest; ``cycle`` counts from 1, 0 for a pose that only locates the tracker.
 
     ``warnings`` are what the instrument said of its readings. ``rotation``, of a six-degree target in the
-    tracker frame, is kept and not used.
+    tracker frame, and beside angles in the axes of who sent it, is kept and not used.
     """
 
     pose: str

@@ -4,7 +4,7 @@ Five extensions of the format that runs use: a sample may have its own ``index``
 ``scatter_m``, the spread of the readings that were averaged, and a ``rotation``; ``noise`` may have
 ``sigma_constant``.
 ``p_tracker`` may be null: the beam was broken. ``rotation`` is the rotation vector (rad) of a six-degree
-target in the tracker frame; it is kept and not used.
+target in the tracker frame, and beside angles in the axes of who sent it; it is kept and not used.
 """
 
 from typing import Annotated, Any

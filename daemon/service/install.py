@@ -166,6 +166,8 @@ def _tell_systemd(root: Path, done: Done) -> None:
         reloaded = subprocess.run(["udevadm", "control", "--reload"], capture_output=True, check=False)
         if reloaded.returncode == 0:
             subprocess.run(["udevadm", "trigger"], check=False)
+        else:
+            done.left.append("udev does not run here: where devices are plugged in, udevadm control --reload")
     if _systemctl("is-active", "--quiet", "cellward.service") == 0:
         done.left.append("When no job runs: systemctl restart cellward")
 

@@ -171,16 +171,17 @@ class ModbusLink:
     async def _ask(self, function: int, call: Callable[[], Any]) -> Any:
         if self._client is None:
             raise NoAnswer("the connection is closed")
-        try:
-            async with self._turn, answer_within(self._config.timeout_s):
-                reply = await call()
-        except (ModbusException, TimeoutError) as exc:
-            await self._let_late_replies_pass()
-            raise NoAnswer(f"no answer in {self._config.timeout_s:g} s") from exc
-        if (answered := reply.function_code & ~_REFUSAL_BIT) != function:
-            await self._let_late_replies_pass()
-            raise NoAnswer(f"a reply to function {answered} came for a request of function {function}")
-        return reply
+        async with self._turn:  # until a late reply has passed: the next request would take it for its own
+            try:
+                async with answer_within(self._config.timeout_s):
+                    reply = await call()
+            except (ModbusException, TimeoutError) as exc:
+                await self._let_late_replies_pass()
+                raise NoAnswer(f"no answer in {self._config.timeout_s:g} s") from exc
+            if (answered := reply.function_code & ~_REFUSAL_BIT) != function:
+                await self._let_late_replies_pass()
+                raise NoAnswer(f"a reply to function {answered} came for a request of function {function}")
+            return reply
 
     async def _let_late_replies_pass(self) -> None:
         """Replies on a serial line carry no number: a late one must not answer the next request."""

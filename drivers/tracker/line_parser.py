@@ -100,10 +100,15 @@ class LineParser:
         return from_mathematical(hz, v if self._config.vertical == "elevation" else math.pi / 2 - v, distance)
 
     def _rotation(self, found: Mapping[str, str]) -> Array | None:
-        """Of the target, by the unit quaternion that a line gives; in the axes of the point's coordinates."""
-        if "qw" not in found:
+        """Of the target, by the unit quaternion that a line gives; in the axes of the point's coordinates.
+
+        None where the four are blank or zero: the sender saw the point alone.
+        """
+        if "qw" not in found or not any(found[name].strip() for name in QUATERNION):
             return None
         quaternion = [self._number(found, name) for name in QUATERNION]
+        if not any(quaternion):
+            return None
         if abs(math.hypot(*quaternion) - 1.0) > _UNIT:
             raise BadLine(f"its rotation is no unit quaternion, but {math.hypot(*quaternion):.4g} long")
         to_tracker = np.zeros((3, 3))

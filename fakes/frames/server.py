@@ -154,7 +154,7 @@ class FrameServer:
     def _expose(self, seq: int, t: float) -> None:
         """Wait for the exposure around ``t`` to end, draw it, and hand it over after the camera's latency."""
         exposure = self._camera.exposure(self.faults.gain)
-        self._wait_until(t + self._readout_s + max(0.5 * exposure.time_s, _MIRROR_LAG_S))
+        self._wait_until(t + self._readout_s + 0.5 * exposure.time_s + _MIRROR_LAG_S)
         picture = self._focused(self._picture(t, seq, exposure), t)
         self._wait_until(t + self._camera.latency_s + self.faults.delay_s)
         data = self._encoded(seq, self._stamp(t), exposure.time_s, picture, self._lens_position(t))

@@ -4,9 +4,10 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from cell.formats.bounds import Angle, LengthOrAngle
 from procedures.laser_tracker.looking import Looking
 
-Target = Annotated[list[float], Field(min_length=4, max_length=6)]
+Target = Annotated[list[LengthOrAngle], Field(min_length=4, max_length=6)]
 
 
 class CorrectedTargetsConfig(Looking):
@@ -18,7 +19,7 @@ class CorrectedTargetsConfig(Looking):
         description="of the flange in the base: x, y, z (m) and yaw (rad) of a palletizer, else "
         "[x, y, z, rx, ry, rz]",
     )
-    q_near: list[float] | None = Field(
+    q_near: list[Angle] | None = Field(
         default=None,
         min_length=1,
         max_length=12,

@@ -42,16 +42,24 @@ def test_no_answer_is_a_timeout_about_when_it_should_be() -> None:
     begun = time.monotonic()
     with pytest.raises(TimeoutError):
         asyncio.run(_read(False, 0.25))
-    assert time.monotonic() - begun >= 0.25
+    assert 0.25 <= time.monotonic() - begun < 4.0, "and a machine that pauses gets 5 s at most"
 
 
-def test_a_loop_that_stands_still_again_and_again_waits_no_longer_than_once_more() -> None:
+def test_a_loop_that_stands_still_again_and_again_is_forgiven_so_much_and_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cell.answer_time.MOST_LOST_S", 0.5)
+    looks = 0
+
     async def main() -> None:
+        nonlocal looks
         async with answer_within(0.1):
             for _ in range(20):
+                looks += 1
                 _stand_still(0.25)
                 await asyncio.sleep(0.0)
                 await asyncio.sleep(0.0)
 
     with pytest.raises(TimeoutError):
         asyncio.run(main())
+    assert 2 <= looks < 20

@@ -308,7 +308,6 @@ def test_a_probe_that_finds_another_device_is_refused(
     assert "99991100001" in done.out
 
 
-@pytest.mark.wire
 def test_a_probe_dumps_no_frames_of_what_is_not_modbus(
     objects: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,6 +322,7 @@ def test_a_probe_dumps_no_frames_of_what_is_not_modbus(
         library.setLevel(before)
 
 
+@pytest.mark.wire
 def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
     subject: CommandLine, tmp_path: Path, objects: Path
 ) -> None:

@@ -42,3 +42,30 @@ def test_a_pause_of_this_process_does_not_count_against_the_module() -> None:
         serving.start()
         assert asyncio.run(main(f"tcp://127.0.0.1:{listening.getsockname()[1]}")) == [42]
         serving.join(20.0)
+
+
+def test_on_a_serial_line_the_next_request_waits_until_a_late_reply_has_passed() -> None:
+    told: list[str] = []
+
+    class Clock(MonotonicClock):
+        async def sleep(self, seconds: float) -> None:
+            await asyncio.sleep(0.0)
+            told.append("late replies passed")
+
+    class Silent:
+        async def read_holding_registers(self, start: int, **_: object) -> object:
+            told.append(f"asked for {start}")
+            await asyncio.sleep(60.0)
+            return None
+
+    async def main() -> None:
+        url = "rtu:///dev/none?baudrate=9600"
+        settings = LinkSettings(url, parse_url(url), 1, 0.01, 1.0, "unit")
+        link = ModbusLink("module", settings, Clock(), lambda: None)
+        link._client = Silent()
+        asked = [link.read(Span(Table.HOLDING, start, 1)) for start in (1, 2)]
+        results = await asyncio.gather(*asked, return_exceptions=True)
+        assert [type(r).__name__ for r in results] == ["NoAnswer", "NoAnswer"]
+
+    asyncio.run(main())
+    assert told == ["asked for 1", "late replies passed", "asked for 2", "late replies passed"]

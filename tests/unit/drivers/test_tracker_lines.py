@@ -173,6 +173,14 @@ def test_the_rotation_of_a_six_degree_target_is_turned_with_its_point() -> None:
     assert found == pytest.approx([ahead[1], -ahead[0], ahead[2]])
 
 
+@pytest.mark.parametrize("rotation", ["0,0,0,0", ",,,"])
+def test_a_line_of_the_point_alone_keeps_its_point(rotation: str) -> None:
+    found = parser(**SIX).parse(f"1000,2000,500,{rotation}".encode())
+    assert found is not None
+    assert found.point == pytest.approx([1.0, 2.0, 0.5])
+    assert found.rotation is None
+
+
 def test_a_rotation_that_is_none_is_refused() -> None:
     with pytest.raises(BadLine, match="no unit quaternion, but 2 long"):
         parser(**SIX).parse(b"1000,2000,500,2,0,0,0")
