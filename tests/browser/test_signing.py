@@ -17,7 +17,7 @@ from tests.kit.browser import Visitor, in_browser, needs_chromium
 from tests.kit.page_cell import PageCell
 from tests.kit.page_rig import TOKENS
 
-pytestmark = [pytest.mark.wire, needs_chromium]
+pytestmark = [pytest.mark.wire, pytest.mark.restarts_children, needs_chromium]  # its daemon draws reports
 
 NUMBER = 33
 END = {"outcome": "aborted", "packml": "ABORTED", "verdict": None, "error": {"text": "The arm is lost"}}
