@@ -149,8 +149,8 @@ class Iso9283Inputs(Inputs):
 
     robot_joints: int = Field(description="Joints of the arm.")
     samples: int = Field(description="Arrivals in the data set.")
-    rotations: int = Field(
-        default=0, description="Arrivals with the rotation of a six-degree target: kept, and not used."
+    rotations: int | None = Field(
+        default=None, description="Arrivals with the rotation of a six-degree target: kept, and not used."
     )
     corrected: bool = Field(description="As in `result`.")
     payload_kg: Kilograms = Field(description="Load of the arm.")

@@ -326,8 +326,8 @@ class KincalInputs(Inputs):
     method: str = Field(description="Solver.")
     robot: dict[str, Any] = Field(description="The nominal arm as a ROBOT.")
     samples: int = Field(description="In the data set.")
-    rotations: int = Field(
-        default=0, description="Samples with the rotation of a six-degree target: kept, and not used."
+    rotations: int | None = Field(
+        default=None, description="Samples with the rotation of a six-degree target: kept, and not used."
     )
     usable: int = Field(description="Those that can be used.")
     used: int = Field(description="Those that the solution used.")

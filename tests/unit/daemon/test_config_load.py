@@ -453,7 +453,7 @@ def test_everything_that_is_commented_out_in_the_example_is_valid_too(tmp_path: 
     roles = ("arm", "flange_camera", "beams", "tracker", "observed_arm", "belt", "gripper", "fixed_camera")
     assert set(subject.robot.roles()) == set(roles)
     jobs = {"cone-capture", "eye-to-hand-check", "laser-reference", "tracker-sampling"}
-    assert set(subject.job) == jobs | {"belt-calibration", "belt-tracking", "slot-insertion"}
+    assert set(subject.job) == jobs | {"belt-calibration", "belt-tracking", "slot-insertion", "touch-test"}
 
 
 def test_a_key_that_is_missing_is_not_said_of_another_whose_name_the_sentence_has() -> None:

@@ -108,7 +108,7 @@ def test_the_twins_camera_sends_frames_without_depth_and_names_it_in_its_config(
     server = FrameServer(world, str(tmp_path / "frames.sock"))
     try:
         colour = np.zeros((world.camera.height, world.camera.width, 3), np.uint8)
-        data = server._encoded(1, 0.5, Picture(colour, np.zeros(colour.shape[:2], np.uint16)), None)
+        data = server._encoded(1, 0.5, 0.01, Picture(colour, np.zeros(colour.shape[:2], np.uint16)), None)
     finally:
         server.close()
     (length,) = struct.unpack_from("<I", data)

@@ -200,7 +200,7 @@ def test_a_twin_for_a_rehearsal_has_the_camera_and_its_target_and_none_for_a_bel
     assert world.camera is not None
     assert world.camera.T_base_camera is not None
     assert world.target is not None
-    assert subject.rehearsal.look == "show"
+    assert subject.rehearsals[-1].look == "show"
     config = late_cell(tmp_path, **BELT, belt_z_m=0.15)
     with pytest.raises(CellError, match="nobody starts and stops the belt"):
         rehearsed_cell(config, tmp_path / "cell.toml", JOB, 1, out)
