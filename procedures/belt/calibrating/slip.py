@@ -14,41 +14,52 @@ from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, waves
 
 _SIGMAS = 4.5  # the largest of as many steps as there are frames
+SURE = 6.0  # a slip that is told by less may be chance, once in thousands of runs
 _FEWEST_FRAMES = 6
 _MOST = 5  # slips; with more the wheel does not follow the belt at all
 
 
 @dataclass(frozen=True)
 class WheelSlip:
-    """At ``t`` (s) the wheel got ahead of the belt by ``ahead_m``, behind it when negative."""
+    """At ``t`` (s) the wheel got ahead of the belt by ``ahead_m``, behind it when negative; that is
+    ``sigmas`` standard deviations of what the sightings leave."""
 
     t: float
     ahead_m: float
+    sigmas: float
 
 
 @dataclass(frozen=True)
 class Parted:
     """``answer`` and ``rows`` with each item parted in two where the wheel slipped, as the ``slips`` say; and
-    the clearest slip that is ``left``, where parting the items once more would leave no answer."""
+    the clearest slip that is ``left``, where parting the items once more would leave no answer.
+
+    ``doubt`` is by how much the scale (m) differs from what it is without those slips that may be chance:
+    noise that was taken for one is in the scale from then on.
+    """
 
     answer: BeltScale
     rows: SightingRows
     slips: list[WheelSlip]
     left: WheelSlip | None
+    doubt: float = 0.0
 
 
 def part_at_slips(answer: BeltScale, rows: SightingRows) -> Parted:
     """Find slips, the clearest first, and part the items there."""
     slips: list[WheelSlip] = []
+    doubt = 0.0
     while (slip := find_slip(answer, rows)) is not None:
         after = rows.t > slip.t
         again = replace(rows, items=np.where(after, rows.items + rows.items.max() + 1, rows.items))
         fit = fit_scale(again.points, again.counts, again.items)
         if isinstance(fit, Refusal) or len(slips) == _MOST:
             break
+        if slip.sigmas < SURE:
+            doubt += abs(fit.m_per_count - answer.m_per_count)
         answer, rows = fit, again
         slips.append(slip)
-    return Parted(answer, rows, slips, slip)
+    return Parted(answer, rows, slips, slip, doubt)
 
 
 def find_slip(answer: BeltScale, rows: SightingRows) -> WheelSlip | None:
@@ -79,4 +90,5 @@ def find_slip(answer: BeltScale, rows: SightingRows) -> WheelSlip | None:
     variance = max(float(rest @ rest), float(each.sum()) * len(along) / len(frames)) / freedom
     if size[k] ** 2 * power[k] <= _SIGMAS**2 * variance:
         return None
-    return WheelSlip(float(0.5 * (frames[k] + frames[k + 1])), -float(size[k]))
+    sigmas = float(abs(size[k]) * np.sqrt(power[k] / variance)) if variance > 0.0 else np.inf
+    return WheelSlip(float(0.5 * (frames[k] + frames[k + 1])), -float(size[k]), sigmas)

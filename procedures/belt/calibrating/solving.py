@@ -14,8 +14,8 @@ from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibrating.record import read_data_set
 from procedures.belt.calibrating.rows import SightingRows, parts_of, rows_of
-from procedures.belt.calibrating.slip import Parted, WheelSlip, part_at_slips
-from procedures.belt.calibrating.spread import spread, with_camera
+from procedures.belt.calibrating.slip import SURE, Parted, WheelSlip, part_at_slips
+from procedures.belt.calibrating.spread import spread, with_camera, with_doubt
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.result import (
     BeltAnswer,
@@ -62,7 +62,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
         answer, rows = parted.answer, parted.rows
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
-        sure = with_camera(sure, answer, *_camera(data, rows, config))
+        sure = with_camera(with_doubt(sure, answer, parted.doubt), answer, *_camera(data, rows, config))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     up, down = _ways(rows)
     sense = -1.0 if up < down else 1.0
@@ -231,6 +231,8 @@ def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[War
 def _slipped(slip: WheelSlip, sense: float) -> Warning_:
     """A slip that is taken out; ``sense`` is that of the counts."""
     text = f"{_slip_words(slip, sense)}; items were taken as others from there on. Look at the wheel"
+    if slip.sigmas < SURE:
+        text += ", unless it was chance: the interval holds without a slip, too"
     return Warning_(code="belt.slip", text=text)
 
 

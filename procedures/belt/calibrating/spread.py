@@ -28,15 +28,15 @@ _OF_PATTERN = 2.0  # degrees of freedom
 FEWEST_OF_PATTERN = 12  # sightings, beside one of each item
 _PATTERN_M = 1e-3  # a sighting further off is a false one
 _NORMAL95 = 1.96
-_NOISE, _PICTURE = "sightings", "picture"
+_NOISE, _PICTURE, _SLIPS = "sightings", "picture", "slips"
 
 
 @dataclass(frozen=True)
 class BeltUncertainty:
     """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane), and the ``cov`` (3, 3) of
     ``m_per_count * dir``; ``by`` names what makes most of the scale's: single ``sightings``, what all of one
-    of the ``frames``, of the ``items`` or at one place of the ``picture`` share, or the rounding of
-    ``counts``."""
+    of the ``frames``, of the ``items`` or at one place of the ``picture`` share, the rounding of ``counts``,
+    or ``slips`` that may be none."""
 
     half_scale: float
     half_angle: float
@@ -77,6 +77,19 @@ def with_camera(
         half_scale=float(np.hypot(sure.half_scale, m * share_95)),
         half_angle=float(np.hypot(sure.half_angle, turn_95_rad)),
         cov=sure.cov + (m / _NORMAL95) ** 2 * shared,
+    )
+
+
+def with_doubt(sure: BeltUncertainty, answer: BeltScale, doubt: float) -> BeltUncertainty:
+    """``sure`` with a scale that may be off by ``doubt`` (m): the interval holds by either of two answers."""
+    if doubt == 0.0:
+        return sure
+    onto = np.outer(answer.direction, answer.direction)
+    return replace(
+        sure,
+        half_scale=sure.half_scale + doubt,
+        cov=sure.cov + (doubt / _NORMAL95) ** 2 * onto,
+        by=_SLIPS if doubt > sure.half_scale else sure.by,
     )
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from calibration.belt.scale import BeltScale, fit_scale
 from procedures.belt.calibrating.rows import counts_at, rounding_variance
 from procedures.belt.calibrating.slip import find_slip, part_at_slips
-from procedures.belt.calibrating.spread import spread, with_camera
+from procedures.belt.calibrating.spread import spread, with_camera, with_doubt
 from tests.kit.belt_sightings import (
     BESIDE,
     FEW,
@@ -145,6 +145,24 @@ def test_a_slip_of_the_wheel_is_found_and_taken_out_of_the_scale(ahead_m: float)
             assert parted.left is None
             assert slip.ahead_m == pytest.approx(ahead_m, abs=1.5e-4)
             assert abs(slip.t - when) < 0.2
+
+
+@pytest.mark.parametrize(("ahead_m", "sure"), [(0.00012, False), (0.003, True)])
+def test_the_interval_holds_without_a_slip_that_may_be_chance(ahead_m: float, sure: bool) -> None:
+    rows = seen(np.random.default_rng(2))
+    when = float(rows.t[len(rows.t) // 2]) - 0.01
+    slipped = replace(rows, counts=rows.counts + np.where(rows.t > when, ahead_m / SCALE, 0.0))
+    without = fit_scale(slipped.points, slipped.counts, slipped.items)
+    assert isinstance(without, BeltScale)
+    parted = part_at_slips(without, slipped)
+    assert [slip.sigmas > 6.0 for slip in parted.slips] == [sure]
+    alone = spread(parted.answer, parted.rows)
+    assert alone is not None
+    stated = with_doubt(alone, parted.answer, parted.doubt)
+    apart = 0.0 if sure else abs(parted.answer.m_per_count - without.m_per_count)
+    assert stated.half_scale == pytest.approx(alone.half_scale + apart, rel=1e-9)
+    along = parted.answer.direction
+    assert along @ (stated.cov - alone.cov) @ along == pytest.approx((apart / 1.96) ** 2, rel=1e-6)
 
 
 @pytest.mark.parametrize("error", [nothing, of_frames, of_the_picture])
