@@ -37,7 +37,7 @@ _UNSEEN_SIDE_PX = 5.0  # of a whole side: depth is fat there, or a hole has cut 
 _SEEN_SHARE = 0.3  # of a side's points, that make it one that colour shows
 _WIDTH_PX = 0.15  # of a strip's width, by errors of height and attitude
 _SYSTEMATIC_PX = 0.15  # of each side, on drawn boxes
-_WHOLE_PX, _SMEARED = 4.0, 0.15  # a smear that a profile holds; the error by each pixel that it is longer
+_WHOLE_PX, _SMEARED = 5.0, 0.35  # a smear that a profile holds; the error by each pixel that it is longer
 
 Foot = Callable[[Array], Array]
 
