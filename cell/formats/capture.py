@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from cell.devices import Intrinsics
 from cell.formats.bounds import (
     OBSERVATIONS,
     Coefficient,
@@ -61,6 +62,14 @@ class Camera(Strict):
                 "must be [fx, fy, cx, cy] in pixels with positive focal lengths of a pixel or more"
             )
         return K
+
+    @classmethod
+    def of(cls, lens: Intrinsics) -> Self:
+        return cls(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist))
+
+    def intrinsics(self) -> Intrinsics:
+        fx, fy, cx, cy = self.K
+        return Intrinsics(self.width, self.height, (fx, fy, cx, cy), tuple(self.dist))
 
     @field_validator("dist")
     @classmethod

@@ -5,15 +5,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from cell.formats.bounds import Force, Length, Pose, SigmaAngle, SigmaLength
+from cell.formats.bounds import Force, Length, LengthOrAngle, Pose, SigmaAngle, SigmaLength
 from cell.formats.capture import Camera
 from cell.formats.reading import Strict, parse, parse_part, read_json
-from cell.formats.robot import Robot, parse_robot
+from cell.formats.robot import Robot, SixAngles, parse_robot
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.seeing import Look
 from procedures.slot.states import PartState
 
 DATA_FILE, SCHEMA = "slot.json", "cellward.slot/1"
+
+Sigmas = Annotated[  # of a pose: three lengths and three angles
+    list[Annotated[LengthOrAngle, Field(ge=0.0)]], Field(min_length=6, max_length=6)
+]
 
 
 class BudgetShare(Strict):
@@ -40,10 +44,10 @@ class LookTaken(Strict):
     """
 
     what: Literal["opening", "part"]
-    q: Pose
+    q: SixAngles
     T_base_camera: Pose
     T_base_slot: Pose
-    sigma: Pose
+    sigma: Sigmas
     colour: list[str]
     depth: list[str]
     camera: Camera
@@ -83,7 +87,7 @@ class SlotData(Strict):
     hand_eye: HandEyeKnown
     T_flange_part: Pose
     look: LookTaken | None = None
-    insert_q: Pose | None = None
+    insert_q: SixAngles | None = None
     outcome: InsertionOutcome = Field(default_factory=lambda: InsertionOutcome())
 
     def config(self) -> SlotInsertionConfig:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ArmState, Intrinsics, Speed
+from cell.devices import ArmState, Speed
 from cell.errors import error, present
 from cell.formats.capture import Camera
 from cell.motion import MotionLease
@@ -302,8 +302,8 @@ class InsertionRun:
                 sigma=sigma,
                 colour=[colour.name for colour, _ in pictures],
                 depth=[depth.name for _, depth in pictures],
-                camera=_camera(told),
-                lens=None if lens is None else _camera(lens),
+                camera=Camera.of(told),
+                lens=None if lens is None else Camera.of(lens),
                 reach_m=reach_m,
                 looks=2 if state is S.MEASURE else 1,
             )
@@ -341,7 +341,3 @@ class InsertionRun:
 
 def _six(T: RigidTransform) -> list[float]:
     return [float(v) for v in to_pose6(T)]
-
-
-def _camera(lens: Intrinsics) -> Camera:
-    return Camera(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist))

@@ -9,46 +9,24 @@ from pydantic import Field, model_validator
 from calibration.hand_eye.pnp import Poses, solve_pnp
 from calibration.hand_eye.views import CornerSet
 from calibration.targets import make_target
-from cell.devices import Intrinsics
 from cell.formats.bounds import (
-    Coefficient,
     Joints,
     Pixel,
-    PixelCount,
-    Pixels,
     Point,
     Pose,
     Ratio,
     SigmaLength,
 )
-from cell.formats.capture import TargetTable
+from cell.formats.capture import Camera, TargetTable
 from cell.formats.reading import Strict, parse, read_json
 from cell.formats.robot import Robot, parse_robot
 from cell.poses import Array
 from procedures.touch_test.config import TouchTestConfig
 
 DATA_FILE, SCHEMA = "touch-test.json", "cellward.touch-test/1"
-Lens = Annotated[list[Pixels], Field(min_length=4, max_length=4)]
 Covariance = Annotated[
     list[Annotated[list[Ratio], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
 ]
-
-
-class CameraSeen(Strict):
-    """The camera of the look: ``K`` is fx, fy, cx, cy in pixels."""
-
-    width: PixelCount
-    height: PixelCount
-    K: Lens
-    dist: list[Coefficient]
-
-    @classmethod
-    def of(cls, lens: Intrinsics) -> Self:
-        return cls(width=lens.width, height=lens.height, K=list(lens.K), dist=list(lens.dist))
-
-    def intrinsics(self) -> Intrinsics:
-        fx, fy, cx, cy = self.K
-        return Intrinsics(self.width, self.height, (fx, fy, cx, cy), tuple(self.dist))
 
 
 class LookTaken(Strict):
@@ -60,8 +38,8 @@ class LookTaken(Strict):
     ids: list[int] = Field(min_length=4)
     corners: list[Pixel] = Field(min_length=4)
     frames: int = Field(ge=1)
-    camera: CameraSeen
-    lens: CameraSeen | None = None
+    camera: Camera
+    lens: Camera | None = None
 
 
 class PointStood(Strict):

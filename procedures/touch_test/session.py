@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Arm, Frame, Speed, flange_poses
 from cell.errors import CellError, error
-from cell.formats.capture import TargetTable
+from cell.formats.capture import Camera, TargetTable
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6, to_pose6
 from cell.procedure import FinishRequested, Run
@@ -23,7 +23,7 @@ from cell.store.files import to_json, write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
 from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, require_hand_eye, solved_lens
 from procedures.touch_test.config import TouchTestConfig
-from procedures.touch_test.data import DATA_FILE, CameraSeen, LookTaken, PointStood, TouchData
+from procedures.touch_test.data import DATA_FILE, LookTaken, PointStood, TouchData
 from procedures.touch_test.judging import require_clearance
 from procedures.touch_test.plan import CornerPlan, TouchPlan, plan_touch
 from procedures.touch_test.states import State as S
@@ -123,8 +123,8 @@ class TouchRun:
             ids=ids,
             corners=corners,
             frames=len(frames),
-            camera=CameraSeen.of(told),
-            lens=None if lens is None else CameraSeen.of(lens),
+            camera=Camera.of(told),
+            lens=None if lens is None else Camera.of(lens),
         )
 
     # -- the corners

@@ -51,10 +51,7 @@ class CaptureSet:
     @property
     def camera(self) -> Intrinsics | None:
         """The given intrinsics."""
-        c = self.capture.camera
-        if c is None:
-            return None
-        return Intrinsics(c.width, c.height, (c.K[0], c.K[1], c.K[2], c.K[3]), tuple(c.dist))
+        return None if self.capture.camera is None else self.capture.camera.intrinsics()
 
     def usable(self) -> NDArray[np.int64]:
         """Rows with a measurement."""
