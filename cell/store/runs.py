@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -157,11 +158,10 @@ class RunFolder:
 def list_runs(runs: Path, newest: int | None = None) -> list[RunFolder]:
     """The runs, oldest first; a run whose ``run.json`` cannot be read has ``info["unreadable"]``.
 
-    With ``newest``, only that many: the folders' names carry time and number, so they are the index, and only
-    the folders that are asked for are opened.
+    Their numbers are their order, as a clock may be set back. With ``newest``, only that many: the folders'
+    names carry the number, so they are the index, and only the folders that are asked for are opened.
     """
-    names = _run_names(runs, newest)
-    return [_from_disk(runs / name, run_id, job) for name, run_id, job in names[-newest if newest else 0 :]]
+    return [_from_disk(runs / name, run_id, job) for name, run_id, job in _run_names(runs, newest)]
 
 
 def interrupted_runs(runs: Path) -> list[RunFolder]:
@@ -174,20 +174,14 @@ def interrupted_runs(runs: Path) -> list[RunFolder]:
 
 
 def _run_names(runs: Path, newest: int | None = None) -> list[tuple[str, int, str]]:
-    """Name, number and job of the run folders, oldest first; with ``newest``, of at least that many."""
+    """Name, number and job of the run folders, oldest first; with ``newest``, of that many."""
     if not runs.is_dir():
         return []
-    found: list[tuple[str, int, str]] = []
     with disk_errors(runs):
-        names = sorted(os.listdir(runs), reverse=True)
-    for name in names:
-        match = _NAME.fullmatch(name)
-        if match is None or not (runs / name).is_dir():
-            continue
-        if newest and len(found) >= newest and name[:16] != found[-1][0][:16]:
-            break  # of one second, all: their order is that of their numbers
-        found.append((name, int(match["id"]), match["job"]))
-    return sorted(found, key=lambda run: (run[0][:16], run[1]))
+        matches = filter(None, map(_NAME.fullmatch, os.listdir(runs)))
+    named = sorted(((int(m["id"]), m.string, m["job"]) for m in matches), reverse=True)
+    found = ((name, run_id, job) for run_id, name, job in named if (runs / name).is_dir())
+    return list(islice(found, newest))[::-1]
 
 
 def load_run(runs: Path, run_id: int) -> RunFolder:

@@ -71,11 +71,12 @@ def test_a_terminal_line_without_end_json_is_taken_as_the_end(subject: RunFolder
 
 
 def test_runs_are_listed_in_order_and_strangers_are_passed_over(tmp_path: Path) -> None:
-    for run_id, wall in ((3, 3e8), (1, 1e8), (2, 2e8)):
+    for run_id, wall in ((3, 3e8), (1, 1e8), (2, 2e8), (4, 1.5e8)):  # the clock was set back before the last
         make(tmp_path, run_id, wall).close()
     (tmp_path / "notes").mkdir()
     (tmp_path / "20231114T221320Z_x_9").write_text("a file, not a folder")
-    assert [run.run_id for run in list_runs(tmp_path)] == [1, 2, 3]
+    assert [run.run_id for run in list_runs(tmp_path)] == [1, 2, 3, 4]
+    assert [run.run_id for run in list_runs(tmp_path, 2)] == [3, 4]
     assert list_runs(tmp_path / "absent") == []
     assert highest_run_id(tmp_path) == 9
     assert highest_run_id(tmp_path / "absent") == 0
