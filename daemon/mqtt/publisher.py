@@ -66,6 +66,7 @@ class Publisher:
                         log.warning("the broker is not reached (%s); runs wait for it", exc)
                 except Exception:
                     log.exception("telling the broker")
+                _end_if_cancelled()
                 await asyncio.sleep(_AGAIN_S[min(failures, len(_AGAIN_S) - 1)])
                 failures += 1
         finally:
@@ -97,16 +98,16 @@ class Publisher:
         )
 
     async def _tell(self, client: aiomqtt.Client) -> None:
-        await client.publish(f"{self._base}/online", b"1", qos=1, retain=True)
+        await self._publish(client, "online", b"1", retain=True)
         told: dict[str, Any] | None = None
         while True:
             self._changed.clear()
             state = state_message(self._engine.status())
             if state != told:
-                await client.publish(f"{self._base}/state", to_json(state), qos=1, retain=True)
+                await self._publish(client, "state", to_json(state), retain=True)
                 told = state
             while self._alarms:
-                await client.publish(f"{self._base}/alarm", to_json(self._alarms[0]), qos=1)
+                await self._publish(client, "alarm", to_json(self._alarms[0]))
                 self._alarms.popleft()
             if not self._engine.active:  # while a job runs nothing can have ended, and it has the disk
                 await self._tell_runs(client)
@@ -115,16 +116,28 @@ class Publisher:
                 async with asyncio.timeout(_ALIVE_S):
                     await self._changed.wait()
             except TimeoutError:
-                await client.publish(
-                    f"{self._base}/online", b"1", qos=1, retain=True
-                )  # finds a dead connection
+                await self._publish(client, "online", b"1", retain=True)  # finds a dead connection
 
     async def _tell_runs(self, client: aiomqtt.Client) -> None:
         waiting = self._outbox.waiting()
         while (entry := await asyncio.to_thread(next, waiting, None)) is not None:
             run_id, message = entry
-            await client.publish(f"{self._base}/run", to_json(message), qos=1)
+            await self._publish(client, "run", to_json(message))
             await asyncio.to_thread(self._outbox.acknowledge, run_id)
+
+    async def _publish(
+        self, client: aiomqtt.Client, topic: str, payload: bytes | str, retain: bool = False
+    ) -> None:
+        await client.publish(f"{self._base}/{topic}", payload, qos=1, retain=retain)
+        _end_if_cancelled()
+
+
+def _end_if_cancelled() -> None:
+    """``CancelledError`` again where the client has lost it: ``asyncio.wait_for`` of Python 3.11, by which it
+    waits for the broker, drops a cancellation that comes with the answer; its closing may fail, too."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 def _tls(section: MqttSection) -> ssl.SSLContext:

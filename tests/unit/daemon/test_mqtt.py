@@ -12,7 +12,7 @@ from collections.abc import Callable, Coroutine, Iterator
 from contextlib import closing, suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import aiomqtt
 import pytest
@@ -201,6 +201,47 @@ async def ended(task: "asyncio.Task[None]") -> None:
     task.cancel()
     with suppress(asyncio.CancelledError):
         await task
+
+
+class DeafClient:
+    """A client that loses a cancellation, once: while it waits for an answer, or as its closing fails."""
+
+    def __init__(self, closing_fails: bool) -> None:
+        self.asked = asyncio.Event()
+        self._closing_fails = closing_fails
+        self._lost = False
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        if self._closing_fails and not self._lost:
+            self._lost = True
+            raise aiomqtt.MqttError("not connected")
+
+    async def publish(self, *args: Any, **kwargs: Any) -> None:
+        self.asked.set()
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            if self._closing_fails or self._lost:
+                raise
+            self._lost = True
+
+
+@pytest.mark.parametrize("closing_fails", [False, True])
+@in_loop
+async def test_it_ends_when_it_is_told_to_whatever_the_client_makes_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closing_fails: bool
+) -> None:
+    client = DeafClient(closing_fails)
+    monkeypatch.setattr("daemon.mqtt.publisher.aiomqtt.Client", lambda *_, **__: client)
+    subject = asyncio.create_task(Publisher(section(1), Engine(), "bay 3", tmp_path).run())
+    await client.asked.wait()
+    subject.cancel()
+    done, _ = await asyncio.wait([subject], timeout=10.0)
+    assert done == {subject}
+    assert subject.cancelled()
 
 
 CHILD = """
