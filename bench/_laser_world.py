@@ -197,7 +197,7 @@ class _Run:
     """As much of a run as a scan needs."""
 
     def __init__(self) -> None:
-        self.clock, self.worker, self.state, self.steps = _Clock(), InlineWorker(), None, 0
+        self.clock, self.worker, self.state, self.step = _Clock(), InlineWorker(), None, 0
         self.values = RunValues({"model": "ur10e"})
 
     def inputs(self, role: str) -> _Inputs:
@@ -272,7 +272,7 @@ def take(world: World, folder: Path, plan: Search, places: int, stated_m: float,
     sheet."""
     record, lease = Record(folder), _Lease(world)
     course = Course(tuple(_stations(plan, places, tool)), tool, DOWN)
-    found: Any = _Scan(_Run(), plan, course, record, SPEED, 0.0, None, stated_m)  # type: ignore[arg-type]
+    found: Any = _Scan(_Run(), plan, course, record, SPEED, 0.0, None, stated_m, 1)  # type: ignore[arg-type]
     with (
         patch.object(job_scan, "Sweeper", lambda *_: _Sweeper(world, lease)),
         patch.object(job_scan, "leave_fixture", _nothing),

@@ -78,13 +78,17 @@ def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Me
 
 
 async def measure(
-    run: Run, measurement: Measurement, config: LaserCheckConfig | LaserUpdateConfig, judged: Judged
+    run: Run,
+    measurement: Measurement,
+    config: LaserCheckConfig | LaserUpdateConfig,
+    judged: Judged,
+    scans: int = 1,
 ) -> None:
-    """One scan of both beams, solved and judged by ``judged``, to ``run.result``."""
+    """One scan of both beams, the first of ``scans``, solved and judged by ``judged``, to ``run.result``."""
     await run.enter(S.PREPARE)
     measurement.check_fixture()
     record = PassRecord(run.folder)
-    scan = measurement.scan(record)
+    scan = measurement.scan(record, scans=scans)
     await scan.check_clear()
     await run.enter(S.PLAN)
     await measurement.plan_and_note()

@@ -67,15 +67,15 @@ class Measurement:
             without_passes, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
         )
 
-    def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None) -> Scan:
-        """A scan that is ready to be taken."""
+    def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None, scans: int = 1) -> Scan:
+        """A scan that is ready to be taken, the first of ``scans`` that the run makes when all goes well."""
         values = self.run.values
         pose = (tool or values.tool)["T_flange_tool"]
         way = course(self.search, arm_model(values), pose, self.p_ref, self.places)
         _, _, speed = lease_settings(values)
         late = self.offset_s - float(values.time_offset_s["beams"]["applied"])
         sigma_m = stated_sigma(values.robot.get("model"))
-        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose, sigma_m)
+        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose, sigma_m, scans)
 
     async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
         """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""

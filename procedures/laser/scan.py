@@ -19,6 +19,7 @@ from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided,
 from procedures.laser.pairs import HEIGHT, LOCATE, BackAt, Judge, Pair, Pairs, beam_of, even_shares
 from procedures.laser.path import BeamStation, Course, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
+from procedures.laser.scan_progress import ScanProgress
 from procedures.laser.sought_height import SoughtHeight, period_of
 from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import POLL_TIMEOUT_S, BeamPass, Sweeper
@@ -68,6 +69,7 @@ class Scan:
         offset_s: float,
         retract_pose: str | None,
         sigma_m: float,
+        scans: int,
     ) -> None:
         self.run, self.search, self.course, self.record = run, search, course, record
         self.inputs: DigitalInputs = run.inputs("beams")
@@ -75,15 +77,17 @@ class Scan:
         self._speed, self._offset_s, self._retract_pose = speed, offset_s, retract_pose
         self._sigma_m = sigma_m  # of one axis of the arm, by its data sheet
         self._beams = {name: beam_of(search, name, self.inputs.names) for name in BEAMS}
+        self._scans = scans  # that the run makes, this one included, when all goes well
         self._lease: MotionLease
         self._pairs: Pairs
+        self._progress: ScanProgress
         self._station: BeamStation
         self._s, self._depth = 0.0, 0.0
         self._tried: list[
             tuple[float, BeamPass]
         ] = []  # by their depths, m; at this station, near the tool's end
         self._missing: dict[str, str] = {}
-        self._taken, self._groups = 0, 0
+        self._groups = 0
 
     async def check_clear(self) -> None:
         """``LASER_BEAM_DARK`` when a beam is broken, with no tool near it."""
@@ -97,13 +101,13 @@ class Scan:
         sweeper = Sweeper(arm, self.inputs, lease, run.clock, self._offset_s)
         self._pairs = Pairs(run, search, self.record, sweeper)
         self._first = True
-        heights = sum(len(heights_at(search, s)) for s in self.course.stations)
-        run.progress(0, heights * search.passes)
+        self._progress = ScanProgress(run, search, self.course, self._scans)
         with suppress(FinishRequested):
             for station in self.course.stations:
                 if station.beam not in self._missing:
                     await self._take_station(station)
             self.complete = True
+            self._progress.end()
         if run.state == S.SWEEP:
             await self._lift("finished early")
         if self.complete:
@@ -113,6 +117,7 @@ class Scan:
             await lease.move_joints(np.array(run.values.poses[self._retract_pose]))
 
     async def _take_station(self, station: BeamStation) -> None:
+        self._progress.find(station)
         await self._approach(station)
         hit = await self._find()
         if hit is None:
@@ -123,6 +128,7 @@ class Scan:
             met = await self._find_height(hit, located)
             facts = {"depth_m": round(met.depth, 6), "sigma_m": round(met.sigma, 7)}
             self.run.note("decision", event="hit", beam=station.beam, place=station.place, **facts)
+            self._progress.measure(station)
             await self._measure(met.depth + first, located)
             for below in deeper:
                 await self._measure(met.depth + below, await self._locate(met.depth + below))
@@ -221,8 +227,8 @@ class Scan:
 
     async def _measure(self, depth: float, seen: Pair) -> None:
         """Cross slowly as often as asked, where ``seen`` has shown the beam to be."""
-        search, run = self.search, self.run
-        await run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
+        search = self.search
+        await self.run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
         begin, end = self._window(self._span(*seen), search.measure_speed_m_s)
         await self._move(begin, depth)
         period = period_of(seen[0])
@@ -231,8 +237,6 @@ class Scan:
         for out, back in even_shares(search.passes, GOLDEN * self._groups):  # anew for each height
             after = (out * period, back * period)
             await self._pair("measure", begin, end, search.measure_speed_m_s, judge, after)
-            self._taken += 1
-            run.progress(self._taken, run.steps)
 
     async def _lift(self, why: str) -> None:
         await self.run.enter(S.LIFT, why)
@@ -269,9 +273,11 @@ class Scan:
         speed = replace(self._speed, tcp_m_s=speed_m_s)
         station, beam = self._station, self._beams[self._station.beam]
         span = begin, end
-        return await self._pairs.take(
+        pair = await self._pairs.take(
             station, beam, self._depth, span, speed, judge, phase, after_poll_s, back_at
         )
+        self._progress.count()
+        return pair
 
     async def _move(self, s: float, depth: float) -> None:
         if abs(s - self._s) < SAME_M and abs(depth - self._depth) < SAME_M:

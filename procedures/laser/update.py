@@ -82,7 +82,7 @@ class LaserUpdate(AgainstReference):
 
     async def run(self, run: Run) -> None:
         measurement = measurement_of(run, self.config)
-        await measure(run, measurement, self.config, solved_measurement)
+        await measure(run, measurement, self.config, solved_measurement, scans=2)
         found = present(run.result, "result of a measurement")
         if not isinstance(found, LaserResult) or found.verdict == "fail":
             run.note("decision", event="nothing proposed", why="; ".join(found.reasons))

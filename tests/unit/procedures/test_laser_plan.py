@@ -17,6 +17,7 @@ from fakes.world.scenario import Scenario
 from procedures.laser.config import BeamSection, LaserReferenceConfig, Search
 from procedures.laser.path import course, deepest
 from procedures.laser.plan import PlanRequest, check_plan, plan_scan
+from procedures.laser.scan_progress import most_pairs
 from tests.kit.laser_cell import BRISK, laser_cell, laser_config
 from tests.kit.object_cell import no_report, refused
 
@@ -134,6 +135,10 @@ def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> N
         assert tip == pytest.approx(row["from"], abs=1e-6) or tip == pytest.approx(row["to"], abs=1e-6)
         assert row["checks"]["floor_m"] > 0.0
     assert sum(row["sweeps"] for row in found["sweeps"]) > 4 * 2 * 8
+    way, if_met_at_once = course(search(), model, TOOL["T_flange_tool"], None, 1), 2
+    counted = most_pairs(search(max_descents=2), way, way.stations[0])
+    assert sum(counted) == sum(row["sweeps"] for row in rows) - if_met_at_once
+    assert counted[1] == 8 + 1 + 8, "measured, located lower down, and measured there"
 
 
 def test_the_moves_are_listed_in_the_order_in_which_they_are_made() -> None:

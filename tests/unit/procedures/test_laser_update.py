@@ -97,10 +97,14 @@ def test_an_operator_is_shown_the_figures_and_a_confirm_accepts(tmp_path: Path, 
 
     async def main() -> None:
         async with laser_cell(config, JOB, drawn_reference(config)) as cell:
+            done = steps_done(cell)
             run_id = await cell.start()
+            await cell.until_state("measure")
+            assert cell.engine.status()["step"] > 0, "the search counts"
             await cell.until_state("ask")
             assert cell.at_rest()
             assert cell.engine.status()["packml"] == "HELD"
+            assert done[-1] == 0.5, "another scan is to come"
             text = cell.engine.status()["prompt"]["text"]
             assert "moved by +1.000, -0.700, +0.000 mm in the flange" in text
             assert "the tilt was not measured (95 % uncertainty of the point 0.100 mm)" in text
@@ -112,6 +116,8 @@ def test_an_operator_is_shown_the_figures_and_a_confirm_accepts(tmp_path: Path, 
                 assert (await refused(outside)).name == "NOT_NOW"
             end = await cell.finished(run_id)
             assert end["verdict"] == "pass"
+            assert done == sorted(done)
+            assert done[-1] == 1.0
             assert states_of_results(cell) == ["committed"]
             assert committed_tool(cell) == [0.001, -0.0007, 0.18, 0.0, 0.0, 0.0]
             assert cell.result(run_id)["inputs"]["update"]["accepted_by"] == "operator"
@@ -122,6 +128,19 @@ def test_an_operator_is_shown_the_figures_and_a_confirm_accepts(tmp_path: Path, 
             assert np.array(second[1]) - first[0] == pytest.approx(-R.apply(np.array(solved.dp)), abs=1e-9)
 
     run_virtual(main())
+
+
+def steps_done(cell: ObjectCell) -> list[float]:
+    """Which share of its steps the run has done, each time that something of the cell changes from now on."""
+    shares: list[float] = []
+
+    def look() -> None:
+        status = cell.engine.status()
+        if status["steps"]:
+            shares.append(status["step"] / status["steps"])
+
+    cell.engine.subscribe(look)
+    return shares
 
 
 def sweeps_of(cell: ObjectCell, run_id: int) -> list[list[list[float]]]:
