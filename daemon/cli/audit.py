@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import out, out_json, say
-from procedures.words import local_time, table
+from daemon.cli.output import out_json, out_table, say
+from procedures.words import local_time
 
 
 def audit(
@@ -44,7 +44,8 @@ def audit(
     elif not found:
         say("The audit holds no such line.")
     else:
-        out(table(("time", "channel", "who", "what", "outcome", "detail"), (_row(line) for line in found)))
+        columns = ("time", "channel", "who", "what", "outcome", "detail")
+        out_table(columns, (_row(line) for line in found), give_way=("detail",))
 
 
 def _together(*lists: list[dict[str, Any]]) -> list[dict[str, Any]]:

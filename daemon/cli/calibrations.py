@@ -6,10 +6,10 @@ import typer
 
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import out, out_json, say
+from daemon.cli.output import out_json, out_table, say
 from daemon.cli.value_text import in_a_list, value_text
 from procedures.kinematics_in_use import in_words
-from procedures.words import local_time, table
+from procedures.words import local_time
 
 ResultArgument = Annotated[
     int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)
@@ -69,7 +69,7 @@ def results(
             "made with",
             "value",
         )
-        out(table(columns, (_row(entry) for entry in found)))
+        out_table(columns, (_row(entry) for entry in found), give_way=("value", "made with", "why"))
         if waiting := [entry for entry in found if entry["state"] == "proposed"]:
             say(f"To decide: cellward accept {waiting[0]['id']}, or cellward reject {waiting[0]['id']}.")
 

@@ -1,8 +1,6 @@
 """``cellward check``: is the configuration right, what can be expected of it, and do the devices answer?"""
 
 import re
-import shutil
-import sys
 import textwrap
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +10,7 @@ import typer
 from cell.errors import CellError, error
 from daemon.cli.failures import BAD_INPUT
 from daemon.cli.options import DEFAULT_CONFIG, ConfigOption, JsonOption, config_path
-from daemon.cli.output import out, out_json, say
+from daemon.cli.output import out, out_json, say, terminal_width
 from procedures.words import table
 
 
@@ -126,7 +124,7 @@ def check(
 
 def _clauses(job: str, text: str) -> str:
     """A line for each clause of a prediction, broken where a terminal ends that has room for text."""
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    width = terminal_width() or 0
     lines = [f"{job}:"]
     for clause in text.split("; "):
         lines += textwrap.wrap(clause, width - 4, subsequent_indent="  ") if width > 40 else [clause]

@@ -12,7 +12,7 @@ from cell.store.run_fields import tool_on_flange
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
 from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths, know_configured_jobs
-from daemon.cli.output import out, out_json, say
+from daemon.cli.output import out, out_json, out_table, say
 from procedures.words import local_time, table
 
 RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_default=False)]
@@ -63,7 +63,7 @@ def runs(
             [r["run_id"], r["job"], r["tool"], local_time(r["started"]), r["outcome"], r["verdict"]]
             for r in found
         )
-        out(table(columns, rows))
+        out_table(columns, rows, give_way=("outcome",))
 
 
 def _row(run: Any) -> dict[str, Any]:
