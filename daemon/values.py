@@ -122,9 +122,11 @@ class _InEffect:
 
 
 def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What the result of a version says of its uncertainty, and the lens that belongs to it."""
+    """What the result of a version says of its uncertainty, and the lens that belongs to it: without an
+    adjustment the one that was estimated before."""
     answer = (result or {}).get("result") or {}
-    keys = ("cov", "budget", "arm", "interval95_s", "lens")
+    answer = {**answer, "lens": answer.get("lens") or answer.get("intrinsics")}
+    keys = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov")
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 

@@ -1,7 +1,8 @@
-"""The calibrated camera on the flange that a run works with, and how good the arm is with it."""
+"""The calibrated camera that a run works with, and how good the arm is with the one on its flange."""
 
 from scipy.spatial.transform import RigidTransform
 
+from cell.calibrated_lens import calibrated_lens
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import from_pose6
@@ -24,14 +25,10 @@ def require_hand_eye(values: RunValues) -> RigidTransform:
     return from_pose6(known["X"])
 
 
-def solved_lens(values: RunValues, told: Intrinsics) -> Intrinsics | None:
-    """The lens that belongs to ``T_flange_camera``, which with another one is of another pose; None where the
-    calibration has none for pictures of the size that is ``told``."""
-    found = values.uncertainty[HAND_EYE].get("lens")
-    if found is None or (found["width"], found["height"]) != (told.width, told.height):
-        return None
-    fx, fy, cx, cy = found["K"]
-    return Intrinsics(told.width, told.height, (fx, fy, cx, cy), tuple(found["dist"]))
+def solved_lens(values: RunValues, name: str, told: Intrinsics) -> Intrinsics | None:
+    """The lens that belongs to the camera's pose ``name``; None where its calibration has none for pictures
+    of the size that is ``told``."""
+    return calibrated_lens(values.uncertainty.get(name, {}).get("lens"), told)
 
 
 def arm_rms_m(values: RunValues) -> float | None:

@@ -89,6 +89,13 @@ class Adjusted:
         """(p,) standard deviations of the numbers."""
         return np.asarray(np.sqrt(np.diag(self.cov_numbers)))
 
+    @property
+    def cov_with_lens(self) -> Array:
+        """(14, 14) of X and the numbers ``LENS`` together."""
+        lens = self.blocks[LENS_BLOCK]
+        cross = self.cross[:, lens]
+        return np.block([[self.cov, cross], [cross.T, self.cov_numbers[lens, lens]]])
+
 
 def adjust(
     measured: Measurements,

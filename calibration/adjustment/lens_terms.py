@@ -118,26 +118,32 @@ def moved_camera(camera: Intrinsics, numbers: Array) -> Intrinsics:
     return Intrinsics(camera.width, camera.height, K, tuple(map(float, dist)))
 
 
+def projected(p: Array, camera: Intrinsics) -> tuple[Array, Array, Array]:
+    """Pixels (m, 2) of points ``p`` (m, 3) m in the camera, with the derivatives by the points (m, 2, 3) and
+    by the numbers of ``LENS`` (m, 2, 8)."""
+    fx, fy, _, _ = camera.K
+    dist = np.zeros(max(len(camera.dist), 5))
+    dist[: len(camera.dist)] = camera.dist
+    pixels, J = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, dist)
+    J = J.reshape(len(p), 2, -1)
+    by_lens = J[:, :, 6:14].copy()
+    by_lens[:, :, 0] = J[:, :, 6] * fx + J[:, :, 7] * fy
+    by_lens[:, :, 1] = J[:, :, 7] * fy
+    return pixels.reshape(-1, 2), J[:, :, 3:6], by_lens
+
+
 def _derivatives(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:
     """(2m, 6 + 13 + 1) for all corners: derivatives of the predicted pixels by the pose from the left and by
     the numbers, and the residuals, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
     points = np.concatenate([v.points for v in views])
     corners = np.concatenate([v.corners for v in views])
-    fx, fy, _, _ = camera.K
-    dist = np.zeros(max(len(camera.dist), 5))
-    dist[: len(camera.dist)] = camera.dist
     p = (C[:, :3, :3] @ points[..., None])[..., 0] + C[:, :3, 3]
-    predicted, J = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, dist)
-    J = J.reshape(len(p), 2, -1)
-    by_point = J[:, :, 3:6]
+    predicted, by_point, by_lens = projected(p, camera)
     out = np.empty((len(p), 2, 6 + NUMBERS + 1))
     out[:, :, :3] = by_point
     out[:, :, 3:6] = -by_point @ se3.hat(p)
-    out[:, :, 6] = J[:, :, 6] * fx + J[:, :, 7] * fy
-    out[:, :, 7] = J[:, :, 7] * fy
-    out[:, :, 8:10] = J[:, :, 8:10]
-    out[:, :, 10:14] = J[:, :, 10:14]
+    out[:, :, 6:14] = by_lens
     out[:, :, 14:-1] = by_point @ C[:, :3, :3] @ shape.columns(points)
-    out[:, :, -1] = corners - predicted.reshape(-1, 2)
+    out[:, :, -1] = corners - predicted
     out *= np.sqrt(np.concatenate([v.count for v in views]))[:, None, None]
     return out.reshape(2 * len(p), -1)

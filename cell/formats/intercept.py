@@ -8,11 +8,24 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from cell.errors import present
-from cell.formats.bounds import COUNTS, QUERIES, SAMPLES, SMALLEST_M, AtMost, Length, Ratio, Stamp, Whole
+from cell.formats.bounds import (
+    COUNTS,
+    QUERIES,
+    SAMPLES,
+    SMALLEST_M,
+    AtMost,
+    Length,
+    Pose,
+    Ratio,
+    Stamp,
+    Whole,
+)
+from cell.formats.capture import Camera
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.intercept/1"
 
+Len14 = Field(min_length=14, max_length=14)
 NotNegative = Annotated[float, Field(ge=0.0)]
 Id = Whole | Annotated[str, Field(max_length=1000)]
 Duration = Annotated[NotNegative, AtMost(10.0, "s")]
@@ -92,6 +105,17 @@ class Detection(Strict):
     notes: Any = None
 
 
+class ItemsCamera(Strict):
+    """The camera that saw the items, as it ``told`` itself; ``lens``: of the calibration of its pose, which
+    places are made with, null where they are made with the one that it told. ``cov``: of pose (6, in the
+    camera's axes) and lens (8) together, null where it is not known."""
+
+    T_base_camera: Pose
+    told: Camera
+    lens: Camera | None = None
+    cov: Annotated[list[Annotated[list[float], Len14]], Len14] | None = None
+
+
 class Query(Strict):
     """Where will item ``id`` be at ``t + h`` for each of ``horizons`` (s), asked at ``t``?"""
 
@@ -136,6 +160,7 @@ class Intercept(Strict):
     queries: Annotated[list[Query], Field(max_length=QUERIES)]
     zone: ZoneTable | None = None
     dwell_s: Duration | None = None
+    camera: ItemsCamera | None = None
     classic: ClassicTable | None = None
     notes: Any = None
 

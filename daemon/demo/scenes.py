@@ -47,5 +47,6 @@ def scenes_of(steps: Sequence[Step]) -> list[DemoScene]:
 
 def give_camera(ledger: Ledger, truth: Mapping[str, Any], drawn: Sequence[float] | None) -> None:
     """Commit the twin's own ``T_base_camera``, as an earlier eye-to-hand calibration would have; say so."""
-    ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "the demo")
+    found = {"result": {"lens": truth["camera"]}}
+    ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], found, 0, drawn), "the demo")
     say("the camera over the belt counts as calibrated before: the twin's own T_base_camera was committed")

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.calibrated_lens import calibrated_lens
 from cell.clock import Clock
 from cell.devices import BoardView, ItemView
 from cell.errors import error
@@ -72,7 +73,9 @@ class CameraHead(Plant):
         if self._frozen_at is not None:
             t, tick = self._frozen_at, -1
         camera = self.world.camera
-        look = Look(self._project, camera, self.world.config.seed, tick + 1)
+        told = self.world.told_intrinsics
+        lens = calibrated_lens(spec.get("lens"), told) or told
+        look = Look(self._project, camera, lens, self.world.config.seed, tick + 1)
         return items_seen(self.world.items, self.world.scene(t).T_base_camera, t, spec, look)
 
     def pictures(self, t: float, tick: int) -> tuple[Image, NDArray[np.uint16]]:

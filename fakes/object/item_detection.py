@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ItemView
+from cell.devices import Intrinsics, ItemView
 from cell.poses import Array
 from fakes.world.belt.items import Items
 from fakes.world.camera.truth import CameraTruth
@@ -46,6 +47,7 @@ def items_seen(
         if not look.camera.depth:  # on the sight, where it is as high as is said
             height = float(spec["height_m"])
             middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
+        middle = look.placed(middle, normal)
         rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
         sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
         off = sigma * rng.standard_normal(3)
@@ -60,10 +62,12 @@ def items_seen(
 
 
 class Look:
-    """One exposure: ``project`` (n, 3) m to (n, 2) px in a picture of ``camera``."""
+    """One exposure: ``project`` (n, 3) m to (n, 2) px in a picture of ``camera``, of which the detector
+    believes that it has the ``lens``."""
 
-    def __init__(self, project: Any, camera: CameraTruth, seed: int, tick: int) -> None:
+    def __init__(self, project: Any, camera: CameraTruth, lens: Intrinsics, seed: int, tick: int) -> None:
         self._project, self._size = project, np.array([camera.width, camera.height], dtype=float)
+        self._lens = None if lens == camera.true_lens() else lens
         self.camera, self.seed, self.tick = camera, seed, tick
         self.exposure_s = camera.exposure().time_s
 
@@ -71,6 +75,16 @@ class Look:
         """Whether all of ``points`` (n, 3) are in the picture."""
         uv = self._project(np.ascontiguousarray(points))
         return bool(np.all((uv > _RIM_PX) & (uv < self._size - 1.0 - _RIM_PX)))
+
+    def placed(self, point: Array, normal: Array) -> Array:
+        """Where the sight through the pixel of ``point`` (3,), by the detector's lens, meets its level."""
+        if self._lens is None:
+            return point
+        uv = self._project(point[None]).reshape(1, 1, 2)
+        xy = cv2.undistortPoints(uv, self._lens.matrix, np.array(self._lens.dist, dtype=float)).ravel()
+        sight = np.append(xy, 1.0)
+        out: Array = sight * float(normal @ point) / float(normal @ sight)
+        return out
 
 
 def _corners(size_m: Sequence[float]) -> Array:

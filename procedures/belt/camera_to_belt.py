@@ -1,18 +1,22 @@
 """From what the camera sees to places on the belt."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ItemView
+from calibration.belt.placing import camera_cov
+from cell.devices import Intrinsics, ItemView
 from cell.errors import error
-from cell.poses import Array, from_pose6
+from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.belt.config import ItemLook
+from procedures.hand_eye_in_use import solved_lens
 from procedures.kinematics_in_use import require_same_model
+
+NAME = "T_base_camera"
 
 
 @dataclass(frozen=True)
@@ -32,13 +36,13 @@ class CameraToBelt:
 
     def __init__(self, values: RunValues, belt_z_m: float, look: ItemLook) -> None:
         known = (values.calibration.get("eye-to-hand") or {}).get("X")
-        if known is None or "T_base_camera" not in values.versions:
+        if known is None or NAME not in values.versions:
             raise error(
                 "BELT_NO_CAMERA", "T_base_camera is not calibrated: run cone-capture with setup eye-to-hand"
             )
-        require_same_model(values, "T_base_camera")
+        require_same_model(values, NAME)
         self.T_base_camera: RigidTransform = from_pose6(known)
-        self._z_m, self._look = belt_z_m, look
+        self._values, self._z_m, self._look = values, belt_z_m, look
 
     def spec(self) -> dict[str, Any]:
         """What the camera's item detector has to know."""
@@ -53,6 +57,23 @@ class CameraToBelt:
             "size_m": [look.min_size_m, look.max_size_m],
             "height_m": look.height_m,
             "height_sigma_m": look.height_sigma_m,
+            "lens": self._stated.get("lens"),
+        }
+
+    @property
+    def _stated(self) -> Mapping[str, Any]:
+        return self._values.uncertainty.get(NAME, {})
+
+    def camera(self, told: Intrinsics) -> dict[str, Any]:
+        """For a data set: the pose, the lens as ``told``, the ``lens`` that items are placed with (None: the
+        one that is told), and ``cov`` (14, 14) of pose and lens, None where it is not known."""
+        lens, stated = solved_lens(self._values, NAME, told), self._stated
+        cov = camera_cov(stated["cov"], stated.get("lens_cov"), lens is not None) if "cov" in stated else None
+        return {
+            "T_base_camera": to_pose6(self.T_base_camera).tolist(),
+            "told": asdict(told),
+            "lens": None if lens is None else asdict(lens),
+            "cov": None if cov is None else np.asarray(cov).tolist(),
         }
 
     def seen(self, views: Sequence[ItemView]) -> list[SeenItem]:

@@ -238,6 +238,7 @@ class BeltWatch:
                 sighting = as_sighting(seen.point, t, now)
                 self.tracker.see(item.key, sighting, float(seen.point[2]))
         if items and self.record is not None:
+            self.record.camera = self.record.camera or self._camera_to_belt.camera(frame.intrinsics)
             rows = [(item.number, seen.point, seen.yaw) for item, seen in zip(items, sightings, strict=True)]
             for t in sorted(set(times)):  # one of a global shutter, one for each row of a rolling one
                 here = [row for row, at in zip(rows, times, strict=True) if at == t]

@@ -53,6 +53,7 @@ class PickRecord:
         self._recent: deque[_Rows] = deque()
         self._files: dict[str, FramedWriter] = {}
         self._lock = Lock()
+        self.camera: Mapping[str, Any] | None = None  # that saw the items, and what they were placed with
         self._failure: Exception | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -135,7 +136,8 @@ class PickRecord:
         finally:
             for file in self._files.values():
                 file.close()
-        if (data := data_set(self._header, list(self._recent))) is not None:
+        header = self._header if self.camera is None else {**self._header, "camera": self.camera}
+        if (data := data_set(header, list(self._recent))) is not None:
             write_atomic(self._folder / DATA_FILE, to_json(data) + "\n")
 
 

@@ -221,6 +221,11 @@ class PickingAnswer(Part):
         description="Half of the 95 % interval of the camera's delay: times the belt's speed, so far may all "
         "contacts be off along it; null where it was not measured.",
     )
+    camera_95_m: Metres | None = Field(
+        default=None,
+        description="Half of the 95 % interval of where items lie by the camera's pose and lens, in the "
+        "direction that is known worst: so far may all contacts be off; null where they are not known.",
+    )
     gripper_closing_s: Seconds | None = Field(
         default=None,
         description="From the command to the confirmation, the longest of the last; null before.",
@@ -288,6 +293,11 @@ class InterceptUncertainty(Explained):
     """Of the answers."""
 
     answers: list[QueryUncertainty] = Field(description="Every query, in the order of the file.")
+    camera_95_m: Metres | None = Field(
+        default=None,
+        description="What of it the camera's pose and lens leave open, for all items alike: half of a 95 % "
+        "interval, in the direction that is known worst; null where they are not known.",
+    )
 
 
 class InterceptObservability(Part):

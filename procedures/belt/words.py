@@ -50,6 +50,10 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"  the delay of the camera is known to {1e3 * known:.2f} ms (95 %): all contacts may be "
             f"off by {mm(0.1 * known)} along the belt for each 0.1 m/s"
         )
+    if (off := answer.camera_95_m) is not None:
+        lines.append(
+            f"  by what is known of the camera's pose and lens all contacts may be off by {mm(off)} (95 %)"
+        )
     if (waits := answer.place_waits) is not None and waits.count:
         lines.append(
             f"  waited {waits.count} times for a clear place, {waits.total_s:.1f} s together, "

@@ -260,6 +260,11 @@ class HandEyeAnswer(Part):
     lens: Intrinsics | None = Field(
         default=None, description="With method `adjustment`: the lens that belongs to the pose."
     )
+    lens_cov: list[list[float]] | None = Field(
+        default=None,
+        description="With `lens`: 14x14, `cov` and that of the lens's `unknowns` in their order, as they go "
+        "together.",
+    )
     robot: dict[str, Any] | None = Field(
         default=None, description="With method `adjustment`, robot and joints: ROBOT of the corrected arm."
     )

@@ -293,7 +293,7 @@ class InsertionRun:
                 text = f"{self.camera.name} gave {len(pictures)} of {look.frames} pictures"
                 raise error("CAMERA_FAULT", text)
             told = frames[0].intrinsics
-            lens = solved_lens(run.values, told)
+            lens = solved_lens(run.values, HAND_EYE, told)
             return LookTaken(
                 what="part" if what == "part" else "opening",
                 q=[float(v) for v in arm.q],

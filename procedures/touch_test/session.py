@@ -116,7 +116,7 @@ class TouchRun:
             text = f"{len(ids)} points of '{config.target}' show in all {len(frames)} pictures of the look"
             raise error("BOARD_NOT_SEEN", f"{text}; {FEWEST_SEEN} are needed")
         told = frames[0].intrinsics
-        lens = solved_lens(run.values, told)
+        lens = solved_lens(run.values, HAND_EYE, told)
         return LookTaken(
             q=[float(v) for v in np.mean([state.q for state in states], axis=0)],
             T_base_flange=_six(flange_poses(states).mean()),

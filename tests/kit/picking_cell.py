@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,13 @@ from tests.kit.ideal_world import ideal_text, shipped_text
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"
+POSE_M, POSE_RAD = 5e-5, 1e-4  # of the camera's pose, per axis
+CAMERA_COV = np.diag([POSE_M**2] * 3 + [POSE_RAD**2] * 3).tolist()
+# For ``world``: the camera tells another lens than it has.
+TELLS_WRONG = {
+    "nominal": "[-0.75, 0.55, 0.95, 3.141592653589793, 0.0, 0.0]\n"
+    "told = { focal = 0.003, centre_px = [5.0, -4.0] }"
+}
 
 # Twice the pictures of the shipped twin: scenes are short.
 _QUICKER = {"period_s = 0.5\n": "period_s = 0.25\n", "camera_stall_s = 1.5\n": ""}
@@ -54,11 +62,15 @@ def picking_config(
 
 
 @asynccontextmanager
-async def picking_cell(config: CellConfig, clock: VirtualClock | None = None) -> AsyncIterator[ObjectCell]:
-    """A cell whose camera is calibrated to a tenth of a millimetre, as a run would have left it."""
+async def picking_cell(
+    config: CellConfig, clock: VirtualClock | None = None, lens: bool = True
+) -> AsyncIterator[ObjectCell]:
+    """A cell whose camera is calibrated to a tenth of a millimetre, as a run would have left it: with its
+    ``lens``, or as one of before these were kept."""
     async with open_cell(config, clock, JOB) as cell:
         truth, drawn = cell.plant.world.T_mount_camera, config.robot.T_base_camera_nominal
-        row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), {}, 0, drawn)
+        found = {"result": {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV}} if lens else {}
+        row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), found, 0, drawn)
         on_disk(cell.ledger.accept, row, "test")
         yield cell
 

@@ -260,7 +260,8 @@ def calibrate_camera(cell: WireCell) -> None:
     state.mkdir(mode=0o700, parents=True, exist_ok=True)
     with closing(Ledger(state / "ledger.sqlite")) as ledger:
         drawn = config["robot"]["T_base_camera_nominal"]
-        ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "test")
+        found = {"result": {"lens": truth["camera"]}}
+        ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], found, 0, drawn), "test")
 
 
 @contextmanager

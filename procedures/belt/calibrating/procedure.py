@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cell.calibrations import belt_scale
-from cell.devices import EncoderState, Frame
+from cell.devices import EncoderState, Frame, Intrinsics
 from cell.errors import CellError
 from cell.formats.result import Envelope
 from cell.poses import from_pose6, to_pose6
@@ -141,6 +141,7 @@ class _Session:
         self._emergencies = Emergencies(
             self.encoder, lambda what: run.note("decision", event="encoder emergency", what=what)
         )
+        self._told: Intrinsics | None = None  # of the camera that sees the items
         self._fresh: deque[Frame] = deque()
         self._follower = ItemFollower(motion_of(self._configured))
         self.camera_to_belt = _camera_to_belt(config, run.values)
@@ -162,7 +163,7 @@ class _Session:
 
     def header(self) -> dict[str, Any]:
         """What the solver needs beside the rows."""
-        camera_to_belt = self.camera_to_belt
+        camera_to_belt, told = self.camera_to_belt, self._told
         return {
             "source": self.config.source,
             "device": self.encoder.name,
@@ -170,6 +171,7 @@ class _Session:
             "T_base_camera": None
             if camera_to_belt is None
             else to_pose6(camera_to_belt.T_base_camera).tolist(),
+            "camera": None if camera_to_belt is None or told is None else camera_to_belt.camera(told),
             "configured": self._configured,
             "finished_early": self.early,
             "emergencies": self._emergencies.told,
@@ -335,6 +337,7 @@ class _Session:
         frame = sample.value
         if frame.items:
             self._fresh.append(frame)
+            self._told = self._told or frame.intrinsics
             late = [frame.t_of(view.point) - frame.t_exposure for view in frame.items]
             after = {"after_s": late} if frame.row_time_s else {}
             self.record.sightings.append(

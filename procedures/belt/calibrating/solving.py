@@ -10,12 +10,14 @@ import numpy as np
 
 from calibration.belt.scale import BeltScale, fit_scale, two_points
 from calibration.refusal import Refusal
+from cell.formats.intercept import ItemsCamera
+from cell.formats.reading import parse_part
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibrating.record import read_data_set
 from procedures.belt.calibrating.rows import SightingRows, parts_of, rows_of
 from procedures.belt.calibrating.slip import SURE, Parted, WheelSlip, part_at_slips
-from procedures.belt.calibrating.spread import spread, with_camera, with_doubt
+from procedures.belt.calibrating.spread import LENS, lens_slopes, spread, with_camera, with_doubt, with_lens
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.result import (
     BeltAnswer,
@@ -33,6 +35,8 @@ KIND = "belt-calibration"
 _NORMAL95 = 1.96
 _STANDS_COUNTS = 2.0
 _BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
+_LONGER = "let more items pass, over a longer way"
+_FIND_LENS = "mostly by the camera's lens, which its pose in effect has not: run cone-capture"
 _MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
 _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
 
@@ -63,6 +67,9 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
         sure = with_camera(with_doubt(sure, answer, parted.doubt), answer, *_camera(data, rows, config))
+        if (seen := data.get("camera")) is not None and seen["lens"] is None:
+            told = parse_part(ItemsCamera, seen, f"{path}: camera")
+            sure = with_lens(sure, answer, lens_slopes(answer, rows, told))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     up, down = _ways(rows)
     sense = -1.0 if up < down else 1.0
@@ -75,7 +82,8 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
             f"the belt ran {there:.2f} m and {back:.2f} m back; dir is the longer way: is it the usual one?"
         )
         warnings.append(Warning_(code="belt.both-ways", text=text))
-    reasons = _beyond(answer, config["accept"])
+    by_lens = sure is not None and sure.by == LENS
+    reasons = _beyond(answer, config["accept"], _FIND_LENS if by_lens else _LONGER)
     if parted.left is not None:
         reasons.append(
             f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; repair the wheel"
@@ -184,13 +192,12 @@ def _result(answer: BeltScale, sense: float, way: Any, items: int) -> BeltAnswer
     )
 
 
-def _beyond(answer: BeltScale, limits: Mapping[str, Any]) -> list[str]:
-    """The limits that the answer misses, each in a sentence."""
+def _beyond(answer: BeltScale, limits: Mapping[str, Any], more: str) -> list[str]:
+    """The limits that the answer misses, each in a sentence; ``more`` is what makes it surer."""
     reasons = []
     half, angle, heldout = answer.half_scale, answer.half_angle, answer.heldout
     if half is None or angle is None:
         return ["the intervals are not known, so they cannot be held against max_scale_share and max_dir_rad"]
-    more = "let more items pass, over a longer way"
     if (share := half / answer.m_per_count) > limits["max_scale_share"]:
         reasons.append(
             f"max_scale_share: m_per_count is known to {100 * share:.3f} % (95 %), the limit is "

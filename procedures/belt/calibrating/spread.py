@@ -18,8 +18,11 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from calibration.adjustment.lens_terms import LensPrior
+from calibration.belt.placing import POSE, off_by_camera
 from calibration.belt.scale import BeltScale
-from cell.poses import Array
+from cell.formats.intercept import ItemsCamera
+from cell.poses import Array, from_pose6
 from procedures.belt.calibrating.rows import SightingRows, rounding_variance
 
 _FEWEST = 4  # of what is to say how large an effect is
@@ -28,6 +31,7 @@ _OF_PATTERN = 2.0  # degrees of freedom
 FEWEST_OF_PATTERN = 12  # sightings, beside one of each item
 _PATTERN_M = 1e-3  # a sighting further off is a false one
 _NORMAL95 = 1.96
+LENS = "lens"  # in ``by``
 _NOISE, _PICTURE, _SLIPS = "sightings", "picture", "slips"
 
 
@@ -36,7 +40,7 @@ class BeltUncertainty:
     """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane), and the ``cov`` (3, 3) of
     ``m_per_count * dir``; ``by`` names what makes most of the scale's: single ``sightings``, what all of one
     of the ``frames``, of the ``items`` or at one place of the ``picture`` share, the rounding of ``counts``,
-    or ``slips`` that may be none."""
+    ``slips`` that may be none, or the camera's ``lens``."""
 
     half_scale: float
     half_angle: float
@@ -90,6 +94,29 @@ def with_doubt(sure: BeltUncertainty, answer: BeltScale, doubt: float) -> BeltUn
         half_scale=sure.half_scale + doubt,
         cov=sure.cov + (doubt / _NORMAL95) ** 2 * onto,
         by=_SLIPS if doubt > sure.half_scale else sure.by,
+    )
+
+
+def lens_slopes(answer: BeltScale, rows: SightingRows, camera: ItemsCamera) -> Array:
+    """(2, 8) m/m, along the belt and across it: by how much the sightings' motion is longer and turned for
+    one standard deviation of each number of the lens that the ``camera`` told."""
+    T, used = from_pose6(camera.T_base_camera), answer.used
+    by_lens = off_by_camera(rows.points[used], T, camera.told.intrinsics())[:, :, POSE:] * LensPrior().sigma()
+    item = indicators(rows.items[used])
+    weight = _beside_own_mean(rows.counts[used] * answer.m_per_count, item)
+    return _axes(answer.direction)[:2, :2] @ np.tensordot(weight / (weight @ weight), by_lens, 1)
+
+
+def with_lens(sure: BeltUncertainty, answer: BeltScale, slopes: Array) -> BeltUncertainty:
+    """``sure`` with what a lens that was not found with the camera's pose is known to: ``slopes`` (2, c)."""
+    m, axes = answer.m_per_count, _axes(answer.direction)[:2]
+    half = _NORMAL95 * np.linalg.norm(slopes, axis=1)
+    return replace(
+        sure,
+        half_scale=float(np.hypot(sure.half_scale, m * half[0])),
+        half_angle=float(np.hypot(sure.half_angle, half[1])),
+        cov=sure.cov + m * m * axes.T @ slopes @ slopes.T @ axes,
+        by=LENS if m * half[0] > sure.half_scale else sure.by,
     )
 
 

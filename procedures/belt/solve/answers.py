@@ -90,17 +90,24 @@ def _answer(loaded: InterceptSet, tracker: BeltTracker, query: Query) -> Answer:
     if track is None:
         return Answer(query, why=BLIND if tracker.seen(str(query.id)) else UNSEEN)
     at = query.t + np.array(query.horizons)
+    shared = camera_cov_of(loaded, tracker, str(query.id))
+    shared = np.zeros((2, 2)) if shared is None else shared
     meeting = track.meet(query.t, loaded.arm, loaded.zone, loaded.dwell)
     return Answer(
         query=query,
         pred=track.xy(at),
-        cov=np.array([track.cov(float(t)) for t in at]).reshape(-1, 2, 2),
+        cov=np.array([track.cov(float(t)) + shared for t in at]).reshape(-1, 2, 2),
         t_pick=None if meeting is None else meeting.t,
         p_pick=None if meeting is None else meeting.xy,
-        cov_pick=None if meeting is None else track.cov(meeting.t),
+        cov_pick=None if meeting is None else track.cov(meeting.t) + shared,
         path=track.xy,
         track=track,
     )
+
+
+def camera_cov_of(loaded: InterceptSet, tracker: BeltTracker, item: str) -> Array | None:
+    """(2, 2) m^2 of where ``item`` lies: what the camera's pose and lens leave open; None where not known."""
+    return loaded.camera_cov(np.array([[*seen.xy, z] for seen, z in tracker.sightings(item)]))
 
 
 def solve_classic(loaded: InterceptSet, done: Done = None) -> Solved:

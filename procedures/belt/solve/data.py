@@ -12,11 +12,12 @@ from calibration.belt.arm_time import MotionLimits
 from calibration.belt.estimator import EncoderScale
 from calibration.belt.items import Sighting
 from calibration.belt.meeting import Zone
+from calibration.belt.placing import off_by_camera
 from calibration.belt.tracking import RestingArm
 from cell.errors import error, present
 from cell.formats.intercept import SCHEMA, Detection, Intercept, Query
 from cell.formats.reading import parse, read_json
-from cell.poses import Array
+from cell.poses import Array, from_pose6
 
 FILE_NAME = "intercept.json"
 UNITS_T = "units.translation"
@@ -45,6 +46,17 @@ class InterceptSet:
     queries: list[Query]
     order: NDArray[np.int64]
     warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    def camera_cov(self, places: Array) -> Array | None:
+        """(2, 2) m^2 of x, y of an item that was seen at ``places`` (n, 3) m: what the pose and the lens of
+        the camera leave open, for all items alike. None where nothing is known of them."""
+        camera = self.data.camera
+        if camera is None or camera.cov is None:
+            return None
+        lens = (camera.lens or camera.told).intrinsics()
+        by = off_by_camera(places, from_pose6(camera.T_base_camera), lens).mean(axis=0)
+        out: Array = by @ np.array(camera.cov) @ by.T
+        return out
 
     def sighting(self, detection: Detection) -> Sighting:
         """A detection with its exposure, derived from the mean latency where it is not known."""

@@ -23,11 +23,12 @@ from procedures.belt.result import (
     SightingCheck,
     TravelCheck,
 )
-from procedures.belt.solve.answers import BLIND, UNSEEN, Answer, Solved
+from procedures.belt.solve.answers import BLIND, UNSEEN, Answer, Solved, camera_cov_of
 from procedures.belt.solve.data import InterceptSet
 
 KIND = "intercept"
 _SURE = 4.0  # standard deviations by which sightings contradict the belt's scale or direction
+_NORMAL95 = 1.96
 _FEWEST = 8
 _LATENCY_OFF = 2e-3  # s
 
@@ -81,7 +82,7 @@ def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: floa
         reasons=reasons,
         warnings=Warning_.each(warnings),
         result=InterceptAnswer(answers=[_as_answer(a) for a in answers], method=method),
-        uncertainty=_uncertainty(answers),
+        uncertainty=_uncertainty(answers, _camera_95_m(loaded, solved)),
         residuals=_residuals(solved, tracks, scale),
         heldout=_held_out(loaded, solved),
         observability=_observability(loaded, scale),
@@ -118,7 +119,13 @@ def _as_answer(a: Answer) -> QueryAnswer:
     )
 
 
-def _uncertainty(answers: list[Answer]) -> InterceptUncertainty:
+def _camera_95_m(loaded: InterceptSet, solved: Solved) -> float | None:
+    covs = [camera_cov_of(loaded, solved.tracker, item) for item in solved.tracker.items]
+    worst = [float(np.linalg.eigvalsh(cov)[-1]) for cov in covs if cov is not None]
+    return _NORMAL95 * float(np.sqrt(np.mean(worst))) if worst else None
+
+
+def _uncertainty(answers: list[Answer], camera_95_m: float | None) -> InterceptUncertainty:
     rows = [
         QueryUncertainty(
             id=a.query.id,
@@ -131,12 +138,12 @@ def _uncertainty(answers: list[Answer]) -> InterceptUncertainty:
     ]
     meaning = (
         "covariance of x, y (m^2) per horizon and of the contact point: camera, exposure, counts, and how "
-        "far the last forecasts over the same time were off; a stop that has not begun is in it only as far "
-        "as the belt stopped before"
+        "far the last forecasts over the same time were off, and where known what the camera's pose and "
+        "lens leave open; a stop that has not begun is in it only as far as the belt stopped before"
     )
     if all(a.cov is None for a in answers):
         meaning = "the classic method gives none" if any(a.pred is not None for a in answers) else "no answer"
-    return InterceptUncertainty(answers=rows, meaning=meaning)
+    return InterceptUncertainty(answers=rows, camera_95_m=camera_95_m, meaning=meaning)
 
 
 def _residuals(solved: Solved, tracks: Sequence[ItemTrack], scale: BeltScale | None) -> ForecastResiduals:

@@ -220,6 +220,7 @@ def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, obje
         "budget": by_cause(found.budget),
         "target_scale": {"x": x["value"], "y": y["value"], "sigma_x": x["sigma"], "sigma_y": y["sigma"]},
         "lens": _camera(found.camera),
+        "lens_cov": found.cov_with_lens.tolist(),
     }
 
 

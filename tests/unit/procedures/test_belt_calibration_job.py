@@ -12,10 +12,11 @@ from cell.store.files import read_json, to_json, write_atomic
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
+from fakes.world.world import World
 from procedures.belt.calibrating.rows import ItemFollower
 from tests.kit.belt_teacher import Teacher
 from tests.kit.object_cell import ObjectCell, no_report, refused
-from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_cell import TELLS_WRONG, picking_cell, picking_config
 from tests.kit.solved import solve_again, solve_belt
 
 __all__ = ["no_report"]
@@ -55,12 +56,12 @@ def assert_true(cell: ObjectCell, result: Mapping[str, Any]) -> None:
     assert not beside_truth(result, told, cell.runs).good
 
 
-@pytest.mark.parametrize("m_per_count", [1.013e-4, -0.991e-4])
+@pytest.mark.parametrize(("m_per_count", "told"), [(1.013e-4, {}), (-0.991e-4, TELLS_WRONG)])
 def test_the_interval_holds_the_true_scale_whichever_way_the_counter_goes(
-    tmp_path: Path, m_per_count: float
+    tmp_path: Path, m_per_count: float, told: dict[str, str]
 ) -> None:
     async def scene() -> None:
-        world = {"m_per_count": f"{m_per_count!r}", "dir": "[0.9992, 0.03, 0.02]", "seed": "77"}
+        world = {"m_per_count": f"{m_per_count!r}", "dir": "[0.9992, 0.03, 0.02]", "seed": "77", **told}
         async with belt_cell(tmp_path, world) as cell:
             run_id = await cell.start()
             assert (await cell.finished(run_id))["outcome"] == "complete"
@@ -71,8 +72,27 @@ def test_the_interval_holds_the_true_scale_whichever_way_the_counter_goes(
             assert result["uncertainty"]["half_m_per_count"] < 1e-3 * abs(m_per_count)
             assert 0.0 < result["heldout"]["rms_m"] < 0.5e-3
             assert cell.at_rest()
+            kept.append((cell.folder(run_id), cell.plant.world))
 
+    kept: list[tuple[Any, World]] = []
     run_virtual(scene())
+    assert_lens_is_kept_and_missed(*kept[0])
+
+
+def assert_lens_is_kept_and_missed(run: Any, world: World) -> None:
+    """Without a lens in the calibration that of the camera is hardly known."""
+    path, data = run.path / "belt.json", read_json(run.path / "belt.json")
+    assert data["camera"]["lens"]["K"] == list(world.intrinsics.K)
+    assert data["camera"]["told"]["K"] == list(world.told_intrinsics.K)
+    data["camera"]["lens"] = None
+    write_atomic(path, to_json(data))
+    found = solve_belt(path, run.info["job_config"])
+    assert found["verdict"] == "fail"
+    assert (
+        "mostly by the camera's lens, which its pose in effect has not: run cone-capture"
+        in found["reasons"][0]
+    )
+    assert found["uncertainty"]["mostly_from"] == "lens"
 
 
 def test_what_was_measured_takes_effect_when_it_is_accepted(tmp_path: Path) -> None:

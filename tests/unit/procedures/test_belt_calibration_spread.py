@@ -4,18 +4,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.adjustment.lens_terms import LensPrior
+from calibration.belt.placing import POSE, off_by_camera
 from calibration.belt.scale import BeltScale, fit_scale
+from cell.formats.capture import Camera
+from cell.formats.intercept import ItemsCamera
+from cell.poses import to_pose6
 from procedures.belt.calibrating.rows import counts_at, rounding_variance
 from procedures.belt.calibrating.slip import find_slip, part_at_slips
-from procedures.belt.calibrating.spread import spread, with_camera, with_doubt
+from procedures.belt.calibrating.spread import (
+    lens_slopes,
+    spread,
+    with_camera,
+    with_doubt,
+    with_lens,
+)
 from tests.kit.belt_sightings import (
     BESIDE,
     FEW,
     MANY,
     NOISE,
     SCALE,
+    SEEN,
     USUAL,
     Coverage,
     Error,
@@ -96,6 +108,37 @@ def test_a_camera_that_is_turned_and_too_far_away_is_inside_the_interval_that_as
     with_it, without = np.mean(inside, axis=0)
     assert with_it > 0.85  # of both at once; 0.9 is right
     assert without < 0.5
+
+
+def test_a_lens_that_is_known_as_by_its_maker_is_inside_the_interval_that_has_it() -> None:
+    pose = RigidTransform.from_components([0.5 * SEEN, 0.05, 0.8], Rotation.from_rotvec([3.1, 0.05, 0.1]))
+    told = Camera(width=1280, height=800, K=[802.4, 801.7, 644.2, 396.8], dist=[0.02, -0.04, 0.0, 0.0, 0.0])
+    camera = ItemsCamera(T_base_camera=to_pose6(pose).tolist(), told=told)
+    inside = []
+    for seed in range(RUNS // 2):
+        rng = np.random.default_rng(seed)
+        rows = seen(rng, feed=USUAL)
+        by_lens = off_by_camera(rows.points, pose, told.intrinsics())[:, :, POSE:]
+        off = rows.points.copy()
+        off[:, :2] += by_lens @ rng.normal(0.0, LensPrior().sigma())
+        rows = replace(rows, points=off)
+        answer = fit_scale(rows.points, rows.counts, rows.items)
+        assert isinstance(answer, BeltScale)
+        alone = spread(answer, rows)
+        assert alone is not None
+        sure = with_lens(alone, answer, lens_slopes(answer, rows, camera))
+        d = answer.direction
+        assert np.sqrt(d @ sure.cov @ d) > 0.9 * sure.half_scale / 1.96
+        inside.append(
+            [
+                [abs(answer.m_per_count - SCALE) <= half.half_scale for half in (sure, alone)],
+                [abs(answer.direction @ BESIDE) <= half.half_angle for half in (sure, alone)],
+            ]
+        )
+    (scale, scale_alone), (angle, _) = np.mean(inside, axis=0)
+    assert scale > HELD[0]
+    assert angle > HELD[0]
+    assert scale_alone < 0.5
 
 
 def test_late_stamps_of_counts_are_smoothed_out() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.errors import CellError
+from cell.formats.capture import Camera
 from cell.store.framed import read_framed
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
@@ -21,7 +22,14 @@ from procedures.belt.record import (
     read_rows,
 )
 from tests.kit.object_cell import no_report
-from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_cell import (
+    POSE_M,
+    POSE_RAD,
+    TELLS_WRONG,
+    contact_errors,
+    picking_cell,
+    picking_config,
+)
 from tests.kit.solved import solve_again, solve_intercept
 
 __all__ = ["no_report"]
@@ -32,9 +40,12 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
     kept: dict[str, Any] = {}
 
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2}, TELLS_WRONG)) as cell:
             run_id = await cell.start()
             assert (await cell.finished(run_id))["outcome"] == "complete"
+            off = np.linalg.norm(contact_errors(cell), axis=1)
+            assert np.all(off < 1e-3), "items are placed with the lens of the camera's calibration"
+            kept["lens"] = cell.plant.world.intrinsics, cell.plant.world.told_intrinsics
             kept["folder"] = cell.folder(run_id).path
             kept["again"] = cell.folder(run_id), cell.result(run_id)
             kept["items"] = cell.notes(run_id, "item")
@@ -62,6 +73,9 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
 
     data = json.loads((folder / DATA_FILE).read_text("utf-8"))
     assert len(data["encoder"]) == len(counts)
+    lens, told = kept["lens"]
+    kept_lens, kept_told = (Camera.model_validate(data["camera"][key]) for key in ("lens", "told"))
+    assert (kept_lens.intrinsics(), kept_told.intrinsics()) == (lens, told)
     result = solve_intercept(folder)
     assert result["verdict"] != "fail", result["reasons"]
     answers = {a["id"]: a for a in reversed(result["result"]["answers"])}
@@ -75,6 +89,9 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
         assert np.linalg.norm(told - step["p"][:2]) < 5e-3, "the tool went where the item was predicted"
 
     run, recorded = kept["again"]
+    assert recorded["result"]["camera_95_m"] == result["uncertainty"]["camera_95_m"]
+    sigma = float(np.hypot(POSE_M, 0.78 * POSE_RAD))  # an item below the camera, as high as most
+    assert 1.96 * sigma < recorded["result"]["camera_95_m"] < 1.3 * 1.96 * sigma
     assert recorded["heldout"]["later_sightings"]["count"] > 0
     assert differences(recorded, solve_again(run.job, run.path, run.info, recorded)) == []
     data["encoder"] = [[t, round(1.01 * n)] for t, n in data["encoder"]]
