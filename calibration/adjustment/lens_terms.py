@@ -5,8 +5,9 @@ cannot take up. The pattern is what the image says of the number by itself; the 
 number matter for a hand-eye result.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,6 +36,20 @@ class LensPrior:
         """(8,) in the order of ``LENS``."""
         c, k, p = self.centre_px, self.radial, self.tangential
         return np.array([self.focal, self.aspect, c, c, k, 2.0 * k, p, p])
+
+
+def lens_prior(sigma: Mapping[str, Any] | None) -> LensPrior:
+    """Of a lens with a data set's ``camera.sigma``; without one that of a camera calibrated by its maker."""
+    usual = LensPrior()
+    given = {key: value for key, value in (sigma or {}).items() if value is not None}
+    if not given:
+        return usual
+    focal, centre = given.get("f", usual.focal), given.get("c_px", usual.centre_px)
+    # Who knows the one better or worse than usual knows the distortion so too.
+    share = max(
+        focal / usual.focal if "f" in given else 0.0, centre / usual.centre_px if "c_px" in given else 0.0
+    )
+    return LensPrior(focal, share * usual.aspect, centre, share * usual.radial, share * usual.tangential)
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,16 @@ def off_by_camera(points: Array, T_base_camera: RigidTransform, lens: Intrinsics
     return out
 
 
-def camera_cov(cov: Array, with_lens: Array | None, lens_of_pose: bool) -> Array:
+def camera_cov(cov: Array, with_lens: Array | None, told: LensPrior | None) -> Array:
     """(14, 14) of pose and lens, from the pose's ``cov`` (6, 6), and that of both, ``with_lens``, if known.
 
-    A lens that was not found with the pose is known as one that its maker has calibrated. One that was needs
-    nothing beside ``cov``, which has it as an unknown: without what goes together that is more, not less.
+    ``told``: how well a lens is known that was not found with the pose. One that was needs nothing beside
+    ``cov``, which has it as an unknown: without what goes together that is more, not less.
     """
-    if lens_of_pose and with_lens is not None:
+    if told is None and with_lens is not None:
         return with_lens
     out = np.zeros((NUMBERS, NUMBERS))
     out[:POSE, :POSE] = cov
-    if not lens_of_pose:
-        out[POSE:, POSE:] = np.diag(LensPrior().sigma() ** 2)
+    if told is not None:
+        out[POSE:, POSE:] = np.diag(told.sigma() ** 2)
     return out

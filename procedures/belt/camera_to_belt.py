@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from calibration.adjustment.lens_terms import lens_prior
 from calibration.belt.placing import camera_cov
 from cell.devices import Intrinsics, ItemView
 from cell.errors import error
@@ -67,11 +68,13 @@ class CameraToBelt:
     def camera(self, told: Intrinsics) -> dict[str, Any]:
         """For a data set: the pose, the lens as ``told``, the ``lens`` that items are placed with (None: the
         one that is told), and ``cov`` (14, 14) of pose and lens, None where it is not known."""
-        lens, stated = solved_lens(self._values, NAME, told), self._stated
-        cov = camera_cov(stated["cov"], stated.get("lens_cov"), lens is not None) if "cov" in stated else None
+        lens, stated, given = solved_lens(self._values, NAME, told), self._stated, self._look.camera_sigma
+        sigma = None if given is None else given.model_dump(exclude_none=True)
+        prior = None if lens is not None else lens_prior(sigma)
+        cov = camera_cov(stated["cov"], stated.get("lens_cov"), prior) if "cov" in stated else None
         return {
             "T_base_camera": to_pose6(self.T_base_camera).tolist(),
-            "told": asdict(told),
+            "told": {**asdict(told), "sigma": sigma},
             "lens": None if lens is None else asdict(lens),
             "cov": None if cov is None else np.asarray(cov).tolist(),
         }

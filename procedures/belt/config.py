@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.formats.capture import CameraSigma
 from cell.formats.joint_limits import JointSpeeds
 from cell.formats.reading import Strict
 
@@ -28,6 +29,12 @@ class ItemLook(Strict):
     )
     height_sigma_m: float = Field(
         default=0.0005, ge=0, le=0.1, description="standard deviation of height_m from item to item"
+    )
+
+    camera_sigma: CameraSigma | None = Field(
+        default=None,
+        description="how well the intrinsics are known that the camera tells, where the calibration of its "
+        "pose has no lens of its own; else as a maker's own calibration",
     )
 
     @model_validator(mode="after")

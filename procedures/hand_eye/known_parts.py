@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from calibration.adjustment.arm_terms import ArmPrior, arm_prior
-from calibration.adjustment.lens_terms import LensPrior, TargetPrior
+from calibration.adjustment.lens_terms import LensPrior, TargetPrior, lens_prior
 from cell.formats.robot import Robot
 
 # Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
@@ -74,18 +74,11 @@ def _sizes(t: float, r: float) -> str:
 
 def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
     """The prior of a camera with ``camera.sigma``, and where it comes from."""
-    usual = LensPrior()
-    given = {key: value for key, value in (sigma or {}).items() if value is not None}
-    focal, centre = given.get("f", usual.focal), given.get("c_px", usual.centre_px)
-    text = f"focal length {100 * focal:g} %, principal point {centre:g} px"
-    if not given:
-        return usual, f"default: a camera that its maker has calibrated ({text})"
-    # Who knows the one better or worse than usual knows the distortion so too.
-    share = max(
-        focal / usual.focal if "f" in given else 0.0, centre / usual.centre_px if "c_px" in given else 0.0
-    )
-    lens = LensPrior(focal, share * usual.aspect, centre, share * usual.radial, share * usual.tangential)
-    return lens, f"camera.sigma ({text})"
+    prior = lens_prior(sigma)
+    text = f"focal length {100 * prior.focal:g} %, principal point {prior.centre_px:g} px"
+    if all(value is None for value in (sigma or {}).values()):
+        return prior, f"default: a camera that its maker has calibrated ({text})"
+    return prior, f"camera.sigma ({text})"
 
 
 def _target(target: Mapping[str, Any]) -> tuple[TargetPrior, str]:

@@ -64,9 +64,9 @@ def placed_items(seed: int, distance_m: float = 0.5) -> dict[str, PlacedItems]:
         return PlacedItems(off[:, :2], J @ cov @ np.swapaxes(J, 1, 2))
 
     return {
-        "pose": by(CAMERA, camera_cov(found.cov, None, True)),
-        "told": by(CAMERA, camera_cov(found.cov, found.cov_with_lens, False)),
-        "found": by(found.camera, camera_cov(found.cov, found.cov_with_lens, True)),
+        "pose": by(CAMERA, camera_cov(found.cov, None, None)),
+        "told": by(CAMERA, camera_cov(found.cov, found.cov_with_lens, LensPrior())),
+        "found": by(found.camera, camera_cov(found.cov, found.cov_with_lens, None)),
     }
 
 

@@ -18,7 +18,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from calibration.adjustment.lens_terms import LensPrior
+from calibration.adjustment.lens_terms import lens_prior
 from calibration.belt.placing import POSE, off_by_camera
 from calibration.belt.scale import BeltScale
 from cell.formats.intercept import ItemsCamera
@@ -100,8 +100,9 @@ def with_doubt(sure: BeltUncertainty, answer: BeltScale, doubt: float) -> BeltUn
 def lens_slopes(answer: BeltScale, rows: SightingRows, camera: ItemsCamera) -> Array:
     """(2, 8) m/m, along the belt and across it: by how much the sightings' motion is longer and turned for
     one standard deviation of each number of the lens that the ``camera`` told."""
-    T, used = from_pose6(camera.T_base_camera), answer.used
-    by_lens = off_by_camera(rows.points[used], T, camera.told.intrinsics())[:, :, POSE:] * LensPrior().sigma()
+    T, told, used = from_pose6(camera.T_base_camera), camera.told, answer.used
+    known = lens_prior(None if told.sigma is None else told.sigma.model_dump())
+    by_lens = off_by_camera(rows.points[used], T, told.intrinsics())[:, :, POSE:] * known.sigma()
     item = indicators(rows.items[used])
     weight = _beside_own_mean(rows.counts[used] * answer.m_per_count, item)
     return _axes(answer.direction)[:2, :2] @ np.tensordot(weight / (weight @ weight), by_lens, 1)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.adjustment.lens_terms import LensPrior, moved_camera
+from calibration.adjustment.lens_terms import lens_prior, moved_camera
 from calibration.belt.placing import NUMBERS, POSE, camera_cov, off_by_camera
 from calibration.hand_eye import se3
 from cell.devices import Intrinsics
@@ -55,7 +55,9 @@ def test_items_lie_by_the_lens_that_was_found_with_the_pose_as_sure_as_is_stated
 
 def test_only_a_lens_that_was_not_found_with_the_pose_is_as_its_maker_knows_it() -> None:
     cov, together = 1e-8 * np.eye(POSE), 1e-7 * np.eye(NUMBERS)
-    assert camera_cov(cov, together, lens_of_pose=True) is together
-    told = camera_cov(cov, together, lens_of_pose=False)
-    assert np.sqrt(np.diag(told)) == pytest.approx([*[1e-4] * POSE, *LensPrior().sigma()])
-    assert np.diag(camera_cov(cov, None, lens_of_pose=True)) == pytest.approx([*[1e-8] * POSE, *[0.0] * 8])
+    assert camera_cov(cov, together, None) is together
+    prior = lens_prior({"f": 0.01})
+    told = camera_cov(cov, together, prior)
+    assert np.sqrt(np.diag(told)) == pytest.approx([*[1e-4] * POSE, *prior.sigma()])
+    assert prior.focal == 0.01
+    assert np.diag(camera_cov(cov, None, None)) == pytest.approx([*[1e-8] * POSE, *[0.0] * 8])
