@@ -1,7 +1,7 @@
 """``cellward.intercept/1``: counts of a belt, sightings of items on it, and questions where they will be.
 
-Read beyond the format: ``modulus`` may be null or absent for a counter that does not wrap, and ``camera`` says
-what the items were placed with.
+Read beyond the format: ``modulus`` may be null or absent for a counter that does not wrap, and ``camera``
+says what the items were placed with.
 """
 
 from typing import Annotated, Any
