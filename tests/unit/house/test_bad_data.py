@@ -184,7 +184,8 @@ def test_a_job_that_nobody_compares_by_its_time_computes_its_answer_once(
     monkeypatch.setattr(kincal, "_estimate", lambda *a: calls.append("tracker") or estimate(*a))
     monkeypatch.setattr(judging, "judged", lambda found, *_: found)
     (tmp_path / "intercept.json").write_text(json.dumps(make("wrap", 3, seconds=6.0, queries=2).data))
-    prediction_check.with_predictions(SimpleNamespace(changed=dict), tmp_path)
+    picked = SimpleNamespace(changed=dict, result=SimpleNamespace(changed=dict))
+    prediction_check.with_predictions(picked, tmp_path)
     judging.solve_within_limits(kincal_scene.make_scene("ur10e", 2, 40).write(tmp_path), 1.0)
     assert calls == ["belt", "tracker"]
 
