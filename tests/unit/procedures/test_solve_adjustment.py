@@ -81,6 +81,10 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     assert [part["block"] for part in budget] == ["arm", "lens", "target", "noise"]
     whole = np.sqrt(sum(part["t"] ** 2 for part in budget))
     assert whole == pytest.approx(subject["uncertainty"]["sigma_t_norm"])
+    together, lens = np.array(subject["result"]["lens_cov"]), subject["result"]["unknowns"]["lens"]
+    assert together[:6, :6] == pytest.approx(np.array(subject["result"]["cov"]))
+    assert np.sqrt(np.diag(together)[6:]) == pytest.approx([one["sigma"] for one in lens.values()])
+    assert np.linalg.eigvalsh(together)[0] > 0.0
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
     first, now = subject["result"]["as_configured"]["spread_across"], subject["result"]["spread_across"]
     assert now["t_norm"] < first["t_norm"], "what was found makes the placements agree better"

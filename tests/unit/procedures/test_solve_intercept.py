@@ -121,6 +121,21 @@ def test_the_contact_is_the_first_root_of_arm_and_belt(solve: Any) -> None:
     assert answer["p_pick"] == pytest.approx([-0.4 + 0.2 * (answer["t_pick"] - 1.0), 0.1], abs=1e-4)
 
 
+def test_what_the_camera_leaves_open_is_in_each_answer(solve: Any) -> None:
+    looks_down = [-0.5, 0.1, 0.82, float(np.pi), 0.0, 0.0]  # from 0.8 m above the item
+    cov = np.zeros((14, 14))
+    cov[3, 3] = 1e-6  # a turn of 1 mrad about x, which moves what lies below along y
+    told = {"width": 1280, "height": 800, "K": [800.0, 800.0, 640.0, 400.0]}
+    camera = {"T_base_camera": looks_down, "told": told, "cov": cov.tolist()}
+    alone, subject = solve(plain()), solve(plain(camera=camera))
+    covs = [np.array(found["uncertainty"]["answers"][0]["cov"]) for found in (alone, subject)]
+    assert covs[1][:, 1, 1] - covs[0][:, 1, 1] == pytest.approx([0.64e-6] * 2, rel=0.01)
+    assert covs[1][:, 0, 0] == pytest.approx(covs[0][:, 0, 0], rel=1e-6)
+    assert subject["uncertainty"]["camera_95_m"] == pytest.approx(1.96 * 0.8e-3, rel=0.01)
+    assert alone["uncertainty"]["camera_95_m"] is None
+    assert solve(plain(camera={**camera, "cov": None}))["uncertainty"] == alone["uncertainty"]
+
+
 def test_the_zone_holds_on_both_edges_with_the_dwell(solve: Any) -> None:
     waited = only(solve(plain(zone={"min": -0.1, "max": 0.2}, dwell_s=0.05)))
     assert waited["t_pick"] == pytest.approx(2.5, abs=2e-3)
