@@ -65,6 +65,12 @@ def result_of(
     if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
     warnings += delay_warnings(values.time_offset_s)
+    camera = None if watch.record is None else watch.record.camera
+    if camera is not None and camera["lens"] is None:
+        text = (
+            "items were placed with the lens that the camera tells: the calibration of its pose has none of"
+        )
+        warnings.append(Warning_(code="belt.lens", text=f"{text} such pictures; run cone-capture"))
     return BeltTrackingResult(
         verdict="warn" if warnings else "pass",
         reasons=[f"{n} missed: {cause}" for cause, n in misses.items()],

@@ -45,8 +45,10 @@ def test_a_delay_that_was_not_measured_is_named_with_its_cost_and_what_measures_
 def test_what_it_may_cost_is_said_in_words(known_s: float | None) -> None:
     answer = PickingAnswer.model_construct(
         picks=3, seen=3, misses={}, success=1.0, duration_s=9.0, picks_per_minute=20.0, follow=True,
-        method="ml", camera_delay_95_s=known_s,
+        method="ml", camera_delay_95_s=known_s, camera_95_m=known_s,
     )  # fmt: skip
     lines = belt_tracking_lines(BeltTrackingResult.model_construct(result=answer))
     words = "delay of the camera is known to 1.00 ms (95 %): all contacts may be off by 0.100 mm"
+    assert len([line for line in lines if words in line]) == (known_s is not None)
+    words = "camera's pose and lens all contacts may be off by 1.000 mm (95 %)"
     assert len([line for line in lines if words in line]) == (known_s is not None)
