@@ -54,18 +54,21 @@ def write_config(
     beams_keys: Mapping[str, Any] | None = None,
     tracker_keys: Mapping[str, Any] | None = None,
     observed_keys: Mapping[str, Any] | None = None,
-    jobs: Mapping[str, Mapping[str, Any]] | None = None,
+    jobs: Mapping[str, Mapping[str, Any] | None] | None = None,
     camera: str = "fakes.object:ObjectCamera",
     **overrides: Any,
 ) -> CellConfig:
     """The scenario's own cell on the object face with a small plan.
 
-    ``job`` goes into the section of the capture, ``jobs`` into those of other jobs; ``camera`` is the driver
-    of the camera.
+    ``job`` goes into the section of the capture, ``jobs`` into those of other jobs, None leaves a job out;
+    ``camera`` is the driver of the camera.
     """
     loaded = Scenario.load(scenario)
     sections = {name: dict(section) for name, section in loaded.cell.job.items()}
     for name, keys in (jobs or {}).items():
+        if keys is None:
+            sections.pop(name, None)
+            continue
         merged = {**sections.get(name, {}), **keys}
         sections[name] = {key: value for key, value in merged.items() if value is not None}
     if JOB in sections:

@@ -13,6 +13,7 @@ from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from fakes.world.scenario import Scenario
 from tests.kit.ideal_world import ideal_text, shipped_text
+from tests.kit.object_cell import JOB as CAPTURE
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"
@@ -56,7 +57,7 @@ def picking_config(
         folder,
         str(path),
         arm_keys={"state_period_s": 0.02, **(arm or {})},
-        jobs={JOB: job or {}, **(sections or {})},
+        jobs={CAPTURE: None, JOB: job or {}, **(sections or {})},
         **overrides,
     )
 
