@@ -7,6 +7,7 @@ possible, and the counts themselves tell, because the belt moves smoothly in the
 """
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -143,11 +144,12 @@ def _rhythm(t: Array, slots: NDArray[np.int64]) -> tuple[Array, float]:
         fit = rate * x + at
         off = y - fit
         centre = _median(off[use])
-        spread = 1.4826 * _median(np.abs(off[use] - centre))
-        again = np.abs(off - centre) <= 4.0 * spread + 1e-6
+        apart = np.abs(off - centre)
+        near = 4.0 * 1.4826 * _median(apart[use]) + 1e-6
         if turn == 0:  # from the envelope's line to all that are near it
-            again |= np.abs(off - centre) <= 0.5 * _RHYTHM * rate
-        if np.array_equal(again, use) or again.sum() < 0.4 * len(t):
+            near = max(near, 0.5 * _RHYTHM * rate)
+        again = apart <= near
+        if np.array_equal(again, use) or np.count_nonzero(again) < 0.4 * len(t):
             break
         use = again
     return fit + t[-1], rate
@@ -181,6 +183,8 @@ def _steps(off: Array, period: float) -> bool:
 
     A block that is late alone was held up with all its frames.
     """
+    if np.ptp(off) <= _STEP * period:  # medians are no farther apart
+        return False
     k = len(off) // _BLOCK
     middle = _medians(off[len(off) - k * _BLOCK :].reshape(k, _BLOCK))
     if k > 2:
@@ -199,21 +203,29 @@ def strays(t: Array, n: Array, sigma: float) -> NDArray[np.bool_]:
         return found
     speed = (n[2 * wide :] - n[: -2 * wide]) / np.maximum(t[2 * wide :] - t[: -2 * wide], 1e-9)
     speed = np.concatenate([np.full(_NEAR, speed[0]), speed, np.full(_NEAR, speed[-1])])
-    views = [sliding_window_view(a, 2 * _NEAR + 1) for a in (t, n)]
+    most = _FAR + _FAR_SIGMAS * sigma
+    # The median is far off only if five of the nine are: one of any four neighbours, which is rare.
     inner = slice(_NEAR, len(t) - _NEAR)
-    level = views[1] - speed[:, None] * (views[0] - t[inner, None])
+    doubt = np.zeros(len(speed), dtype=bool)
+    for k in range(_NEAR // 2, _NEAR + _NEAR // 2 + 1):
+        if k != _NEAR:
+            there = slice(k, len(t) - wide + k)
+            doubt |= np.abs(n[there] - n[inner] - speed * (t[there] - t[inner])) > most
+    at = np.flatnonzero(doubt)
+    rows = at[:, None] + np.arange(wide + 1)
+    level = n[rows] - speed[at, None] * (t[rows] - t[at + _NEAR, None])
     usual = np.partition(level, _NEAR, axis=1)[:, _NEAR]  # the median of an odd number
-    found[inner] = np.abs(n[inner] - usual) > _FAR + _FAR_SIGMAS * sigma
+    found[at + _NEAR] = np.abs(n[at + _NEAR] - usual) > most
     return found
 
 
-def _projector() -> Array:
+def _parabolas() -> Array:
     u = np.linspace(-1.0, 1.0, _BLOCK)
     basis, _ = np.linalg.qr(np.stack([np.ones(_BLOCK), u, u * u], axis=1))
-    return np.asarray(np.eye(_BLOCK) - basis @ basis.T)
+    return np.asarray(basis)
 
 
-_PROJECT = _projector()
+_PARABOLAS = _parabolas()  # (_BLOCK, 3), orthonormal
 
 
 def _share(
@@ -227,14 +239,24 @@ def _share(
     if not whole.any():
         return 0.0, _QUANTUM
     c, d = c[whole], d[whole]
-    speed = (c[:, -1] - c[:, 0]) / ((_BLOCK - 1) * period)
-    e = (c - c[:, :1]) @ _PROJECT
-    g = (d * speed[:, None]) @ _PROJECT
+    e = c - c[:, :1]
+    g = d * (e[:, -1:] / ((_BLOCK - 1) * period))
+    # Sums over each block of the products of what the parabola leaves of both.
+    e_of, g_of = e @ _PARABOLAS, g @ _PARABOLAS
+    ee, eg, gg = (
+        _dots(a, b) - _dots(x, y)
+        for a, b, x, y in ((e, e, e_of, e_of), (e, g, e_of, g_of), (g, g, g_of, g_of))
+    )
     share = given or 0.0
     for _ in range(2 if given is None else 0):
-        left = np.sum((e - share * g) ** 2, axis=1) / (_BLOCK - 3)
+        left = (ee - 2.0 * share * eg + share**2 * gg) / (_BLOCK - 3)
         usual = left <= 4.0 * max(_median(left), _QUANTUM**2)  # not where the belt starts or stops
-        power = float(np.sum(g[usual] ** 2))
-        share = min(max(float(np.sum((e * g)[usual])) / (power + 1.0), 0.0), 1.0)
-    left = np.sum((e - share * g) ** 2, axis=1)[-_RECENT:] / (_BLOCK - 3)
-    return share, max(float(np.sqrt(np.median(left))), _QUANTUM)
+        share = min(max(float(eg @ usual) / (float(gg @ usual) + 1.0), 0.0), 1.0)
+    left = (ee - 2.0 * share * eg + share**2 * gg)[-_RECENT:] / (_BLOCK - 3)
+    return share, max(sqrt(max(_median(left), 0.0)), _QUANTUM)
+
+
+def _dots(a: Array, b: Array) -> Array:
+    """(k,) of the rows of both (k, m)."""
+    out: Array = np.einsum("km,km->k", a, b)
+    return out
