@@ -34,19 +34,23 @@ def pairs(group: Groups, limit: int = _MAX_PAIRS) -> tuple[Groups, Groups]:
 
 def closed_form(problem: Problem) -> Estimate:
     """X from all motions inside the groups, each W as the median of what its observations say."""
+    X = closed_form_X(problem)
+    return Estimate(X, group_poses(problem, X))
+
+
+def closed_form_X(problem: Problem) -> Array:
+    """X (4, 4) alone, from all motions inside the groups."""
     i, j = pairs(problem.group)
     A = problem.G[i] @ se3.inverse(problem.G[j])
     B = problem.C[i] @ se3.inverse(problem.C[j])
-    weight = np.ones(len(i))
-    X = np.eye(4)
-    for _ in range(3):
-        X = _solve(A, B, weight)
+    X = _solve(A, B, np.ones(len(i)))
+    for _ in range(2 if len(i) else 0):
         error = A @ X - X @ B
-        turn = np.linalg.norm(error[:, :3, :3], axis=(1, 2))
-        shift = np.linalg.norm(error[:, :3, 3], axis=1)
-        distance = turn / (np.median(turn) + 1e-9) + shift / (np.median(shift) + 1e-9)
-        weight = 1.0 / (1.0 + (distance / 4.0) ** 4)
-    return Estimate(X, group_poses(problem, X))
+        turn = np.sqrt(np.sum(error[:, :3, :3] ** 2, axis=(1, 2)))
+        shift = np.sqrt(np.sum(error[:, :3, 3] ** 2, axis=1))
+        distance = turn / (_median(turn) + 1e-9) + shift / (_median(shift) + 1e-9)
+        X = _solve(A, B, 1.0 / (1.0 + (distance / 4.0) ** 4))
+    return X
 
 
 def group_poses(problem: Problem, X: Array) -> Array:
@@ -57,28 +61,31 @@ def group_poses(problem: Problem, X: Array) -> Array:
         T = own[problem.group == g]
         some = T[:: max(1, len(T) // 32)]
         apart = np.linalg.norm(T[:, None, :3] - some[None, :, :3], axis=(2, 3))
-        middle = [(apart.shape[1] - 1) // 2, apart.shape[1] // 2]
-        median = np.partition(apart, middle, axis=1)[:, middle].mean(axis=1)  # np.median takes twice as long
-        out[g] = T[int(np.argmin(median))]
+        out[g] = T[int(np.argmin(_median(apart)))]
     return out
+
+
+def _median(values: Array) -> Array:
+    """Medians (...) of (..., n): np.median takes twice as long, and looks for numbers that are none."""
+    middle = [(values.shape[-1] - 1) // 2, values.shape[-1] // 2]
+    return np.asarray(np.partition(values, middle, axis=-1)[..., middle].mean(axis=-1))
 
 
 def _solve(A: Array, B: Array, weight: Array) -> Array:
     RA, RB = A[:, :3, :3], B[:, :3, :3]
-    eye = np.eye(3)
-    # vec(RA R) = (I kron RA) vec(R), vec(R RB) = (RB^T kron I) vec(R), vec by columns
-    left = np.einsum("ab,ncd->nacbd", eye, RA).reshape(-1, 9, 9)
-    right = np.einsum("nba,cd->nacbd", RB, eye).reshape(-1, 9, 9)
-    K = left - right
-    M = np.tensordot(weight, np.swapaxes(K, 1, 2) @ K, axes=1)
+    eye, total = np.eye(3), weight.sum()
+    # vec(RA R) = (I kron RA) vec(R), vec(R RB) = (RB^T kron I) vec(R), vec by columns; with rotations the
+    # squares of their differences add up to 2 I less RB kron RA and its transpose
+    cross = (weight[:, None] * RB.reshape(-1, 9)).T @ RA.reshape(-1, 9)
+    cross = cross.reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)
+    M = 2.0 * total * np.eye(9) - cross - cross.T
     R = np.linalg.eigh(M)[1][:, 0].reshape(3, 3).T
     U, _, Vt = np.linalg.svd(R * np.sign(np.linalg.det(R)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    S = RA - eye
-    b = B[:, :3, 3] @ R.T - A[:, :3, 3]
-    St = np.swapaxes(S, 1, 2)
-    normal = np.tensordot(weight, St @ S, axes=1)
-    t = np.linalg.lstsq(normal, np.tensordot(weight, (St @ b[..., None])[..., 0], axes=1), rcond=None)[0]
+    b = weight[:, None] * (B[:, :3, 3] @ R.T - A[:, :3, 3])
+    turned = (weight @ RA.reshape(-1, 9)).reshape(3, 3)
+    normal = 2.0 * total * eye - turned - turned.T  # the squares of RA - I
+    t = np.linalg.lstsq(normal, np.tensordot(b, RA, axes=2) - b.sum(axis=0), rcond=None)[0]
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = R, t
     return X

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.closed_form import closed_form
+from calibration.hand_eye.closed_form import closed_form_X
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Problem, Setup
 from calibration.hand_eye.views import CornerSet
@@ -196,7 +196,7 @@ def refine_calibration(
         bare,
         bare,
     )
-    return {"X": [float(v) for v in to_pose6(RigidTransform.from_matrix(closed_form(problem).X))]}
+    return {"X": [float(v) for v in to_pose6(RigidTransform.from_matrix(closed_form_X(problem)))]}
 
 
 def camera_to_target(view: BoardObservation, points: Array) -> RigidTransform:

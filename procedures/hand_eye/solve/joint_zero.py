@@ -1,13 +1,13 @@
 """One joint whose zero is off: the camera sees what the controller does not know."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.closed_form import closed_form
+from calibration.hand_eye.closed_form import closed_form_X
 from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.problem import Problem
 from calibration.kinematics.parametric import ParametricArm
@@ -32,16 +32,18 @@ class ZeroOffset:
     text: str
 
 
-def best_offset(disagreement: Callable[[Array], float], joints: int) -> tuple[int, float] | None:
+def best_offset(
+    disagreement: Callable[[Array], float], joints: int, searched: Sequence[int]
+) -> tuple[int, float] | None:
     """The one joint and its offset (rad) that leave the least; None when no joint alone explains it.
 
-    ``disagreement`` is asked for offsets (j,) of all joints.
+    ``disagreement`` is asked for offsets (j,) of all joints; those not in ``searched`` do not change it.
     """
     start = disagreement(np.zeros(joints))
     left = np.full(joints, start)
     offsets = np.zeros(joints)
     grid = np.linspace(-MOST, MOST, _STEPS)
-    for j in range(joints):
+    for j in searched:
 
         def of(offset: float, j: int = j) -> float:
             return disagreement(offset * np.eye(joints)[j])
@@ -58,7 +60,11 @@ def best_offset(disagreement: Callable[[Array], float], joints: int) -> tuple[in
 
 
 def joint_zero(problem: Problem, arm: ParametricArm, Q: Array) -> ZeroOffset | None:
-    """The joint whose offset makes the images agree; the outer ones move camera or base and tell nothing."""
+    """The joint whose offset makes the images agree.
+
+    Of an arm whose joints turn one link each, the first and the last one are not searched: what they turn
+    is the base, or what the flange carries, and the answer takes that up whole.
+    """
     told = arm.base.flange(Q)
     given = problem.G if problem.setup == "eye-to-hand" else se3.inverse(problem.G)
     tool = se3.inverse(told) @ given
@@ -69,10 +75,11 @@ def joint_zero(problem: Problem, arm: ParametricArm, Q: Array) -> ZeroOffset | N
     def disagreement(offsets: Array) -> float:
         F = moved(offsets)
         now = replace(problem, G=F if problem.setup == "eye-to-hand" else se3.inverse(F))
-        t, r = spread_about_mean(now.target_poses(closed_form(now).X), now.group)
+        t, r = spread_about_mean(now.target_poses(closed_form_X(now)), now.group)
         return float(np.median(t) + LEVER_M * np.median(r))
 
-    found = best_offset(disagreement, Q.shape[1])
+    joints = Q.shape[1]
+    found = best_offset(disagreement, joints, range(1, joints - 1) if arm.base.plain else range(joints))
     if found is None:
         return None
     j, offset = found

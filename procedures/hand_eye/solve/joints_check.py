@@ -116,7 +116,7 @@ def _zero(arm: ParametricArm, Q: Array, F: Array, left: float = 1.0) -> Mistake 
         far, turned = _apart(arm.base.flange(Q + offsets), F)
         return far + LEVER_M * turned
 
-    found = best_offset(disagreement, Q.shape[1])
+    found = best_offset(disagreement, Q.shape[1], range(Q.shape[1]))
     if found is None:
         return None
     j, offset = found

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.hand_eye.closed_form import closed_form
+from calibration.hand_eye.closed_form import closed_form_X
 from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.problem import Problem, Setup
 from calibration.hand_eye.solution import Measurements, prepare
@@ -64,7 +64,7 @@ def _some(given: GivenCapture) -> GivenCapture:
 
 def _disagreement(problem: Problem) -> float:
     """Of the target's poses with X in closed form; below one they agree."""
-    t, r = spread_about_mean(problem.target_poses(closed_form(problem).X), problem.group)
+    t, r = spread_about_mean(problem.target_poses(closed_form_X(problem)), problem.group)
     reach = float(np.median(np.linalg.norm(problem.C[:, :3, 3], axis=1)))
     return max(float(np.median(t)) / (_AGREE_T * reach), float(np.median(r)) / _AGREE_R)
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.closed_form import closed_form
+from calibration.hand_eye.closed_form import closed_form_X
 from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Solution
@@ -67,5 +67,5 @@ def _other_orders(problem: Problem, limit: float) -> Iterator[Array]:
 
 def _spread(problem: Problem) -> tuple[float, float]:
     """RMS distance (m, rad) of the target's poses from their mean, with X in closed form."""
-    t, r = spread_about_mean(problem.target_poses(closed_form(problem).X), problem.group)
+    t, r = spread_about_mean(problem.target_poses(closed_form_X(problem)), problem.group)
     return float(np.sqrt(np.mean(t**2))), float(np.sqrt(np.mean(r**2)))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.closed_form import closed_form, pairs
+from calibration.hand_eye.closed_form import closed_form_X, pairs
 from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
@@ -45,7 +45,7 @@ def sized(measured: Measurements, factor: float) -> Measurements:
 
 
 def _spread(problem: Problem) -> float:
-    t, _ = spread_about_mean(problem.target_poses(closed_form(problem).X), problem.group)
+    t, _ = spread_about_mean(problem.target_poses(closed_form_X(problem)), problem.group)
     return float(np.median(t))
 
 
@@ -54,7 +54,7 @@ def length_factor(problem: Problem) -> float | None:
 
     In ``A X = X B`` with the rotation of X known, translation of X and factor are linear.
     """
-    R = closed_form(problem).X[:3, :3]
+    R = closed_form_X(problem)[:3, :3]
     i, j = pairs(problem.group, 300)
     A, B = problem.G[i] @ se3.inverse(problem.G[j]), problem.C[i] @ se3.inverse(problem.C[j])
     of_t = A[:, :3, :3] - np.eye(3)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose, turns
 from calibration.hand_eye.classic import METHODS, solve_classic
+from calibration.hand_eye.closed_form import closed_form_X
 from calibration.hand_eye.leave_out import held_out, leave_one_out, pose_distances
 from calibration.hand_eye.noise import weights
 from calibration.hand_eye.normal import gauss_newton, linearise
@@ -251,3 +252,14 @@ def test_a_placement_of_two_poses_has_no_triples() -> None:
 def test_estimates_survive_moving() -> None:
     at = Estimate(np.eye(4), np.eye(4)[None])
     assert np.allclose(at.moved(np.zeros((2, 6))).W, at.W)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_the_closed_form_is_exact_with_perfect_data(setup: str) -> None:
+    perfect = make_scene(setup=setup, count=12, groups=2, px=0.0, flange_t=0.0, flange_r=0.0)
+    assert np.linalg.norm(error_of(closed_form_X(prepare(perfect.measurements(), CAMERA)))) < 1e-7
+
+
+def test_the_closed_form_is_some_pose_where_each_target_was_seen_once() -> None:
+    subject = closed_form_X(prepare(make_scene(count=4, groups=4).measurements(), CAMERA))
+    assert subject[:3, :3].T @ subject[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
