@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import gc
+import multiprocessing
 import os
 import signal
 
@@ -43,5 +44,7 @@ def die_with_parent(how: signal.Signals = signal.SIGKILL) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_PDEATHSIG, how, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "prctl")
-    if os.getppid() == 1:  # the parent ended before the request
+    parent = multiprocessing.parent_process()
+    starts_all = parent is not None and parent.pid == 1  # in a container the twin itself may be process 1
+    if os.getppid() == 1 and not starts_all:  # the parent ended before the request
         os.kill(os.getpid(), how)

@@ -1,12 +1,17 @@
-"""What the twin's processes take of the cores, and when the collector runs in them."""
+"""What the twin's processes take of the cores, when they end, and when the collector runs in them."""
 
+import ctypes
+import multiprocessing
 import os
+import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from cell.priority import LOOP, SETPOINTS, SIMULATED_CONTROLLER
+from fakes.wire.lifetime import die_with_parent
 
 
 def said_by(*lines: str) -> list[str]:
@@ -65,3 +70,20 @@ def test_the_collector_passes_over_what_was_there_when_it_was_settled() -> None:
     assert before > 50_000
     assert after < 1000
     assert found >= 1, "what became rubbish later is still collected"
+
+
+@pytest.mark.parametrize(
+    ("started_by", "ends"), [(1, []), (4711, [signal.SIGTERM]), (None, [signal.SIGTERM])]
+)
+def test_a_child_of_process_1_is_no_orphan(
+    monkeypatch: pytest.MonkeyPatch, started_by: int | None, ends: list[signal.Signals]
+) -> None:
+    """In a container the twin is process 1, which on another machine is who takes over orphans."""
+    ended: list[signal.Signals] = []
+    parent = None if started_by is None else SimpleNamespace(pid=started_by)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_a, **_k: SimpleNamespace(prctl=lambda *_: 0))
+    monkeypatch.setattr(multiprocessing, "parent_process", lambda: parent)
+    monkeypatch.setattr(os, "getppid", lambda: 1)
+    monkeypatch.setattr(os, "kill", lambda _pid, how: ended.append(how))
+    die_with_parent(signal.SIGTERM)
+    assert ended == ends
