@@ -27,7 +27,7 @@ VIRTUAL := -m "not wire and not soak"
 WIRE := -m "wire and not alone and not soak"
 ALONE := tests/integration -m "alone and not soak"
 
-.PHONY: demo test test-wire test-virtual lint soak bench docs wheelhouse deb clean python
+.PHONY: demo test test-wire test-virtual lint soak bench docs wheelhouse deb image clean python
 
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
@@ -71,6 +71,14 @@ wheelhouse: $(VENV)/.ready
 
 deb: wheelhouse
 	deploy/deb/build.sh $(BIN)/python build/wheelhouse build
+
+# The twin in a container, or with IMAGE=ci what .ci/run needs: docs/container.md. It needs no Python here.
+IMAGE ?= twin
+ENGINE ?= $(shell command -v podman || command -v buildah || command -v docker)
+image:
+	@test -n "$(ENGINE)" || { echo "make image needs podman, buildah or docker, and there is none of them: \
+	install one (on Debian and Ubuntu: apt-get install podman)" | tr -s '\t ' ' ' >&2; exit 1; }
+	$(ENGINE) build --file deploy/Containerfile --target $(IMAGE) --tag cellward-$(IMAGE) $(IMAGE_OPTIONS) .
 
 $(VENV)/.ready: pyproject.toml constraints.txt | python
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
