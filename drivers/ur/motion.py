@@ -204,7 +204,12 @@ class UrMotion:
             await self._believe(rest_after(last, config.follow_decel_rad_s2))
 
     async def decelerate(self) -> None:
-        """Ask for a stop; a child that does not answer is killed, so that the watchdog stops the arm."""
+        """Ask for a stop.
+
+        A native call that takes longer than ``STOP_DEADLINE_S`` ends the child. One that does not answer
+        at all is killed ``GRACE_S`` later, but a stop ladder gives up no later than that: then :meth:`close`
+        kills it. In each case the watchdog stops the arm, for nothing kicks it any more.
+        """
         if not self.client.ended.is_set():
             await self._call("stop", STOP_DEADLINE_S, decel=self._brake)
 
