@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.adjustment.arm_terms import ArmPrior
 from calibration.adjustment.components import Components, estimated, evidence
 from calibration.adjustment.equations import Observations, Prior
 from calibration.identification.estimator import Problem, fit
@@ -20,7 +19,6 @@ from calibration.identification.robust import RobustFit, robust_fit
 from calibration.kinematics.joint_errors import JointErrors, none_yet, of_gears, of_sag
 from cell.poses import Array
 
-START_RAD = {"gear": ArmPrior.gear, "sag": ArmPrior.sag}
 _READING = "reading"  # the noise, over the assumed one
 _LEAST_NOISE = 1e-2  # times the assumed one
 _GAIN = 1.0  # of twice the log-evidence for each kind: one too many costs less than one missed
@@ -41,7 +39,8 @@ def with_joint_errors(
             most, best = gain, components
     if not best.scale:
         return None
-    wider, x = _widened(problem, found, {kind: s * START_RAD[kind] for kind, s in best.scale.items()})
+    expected = problem.model.error_sd
+    wider, x = _widened(problem, found, {kind: s * expected[kind] for kind, s in best.scale.items()})
     weight = found.used / (best.sigma[_READING] * found.noise.sigma(problem.range_m)) ** 2
     return wider, robust_fit(wider, given, fit(wider, x, weight))
 
@@ -55,7 +54,8 @@ def _widened(problem: Problem, found: RobustFit, sd: Mapping[str, float]) -> tup
 
 def can_tell(problem: Problem, used: NDArray[np.bool_], unknowns: float) -> bool:
     """Whether there are readings enough: as many numbers left over as there are amplitudes."""
-    amplitudes = len(errors_of(problem.model.without_errors(), START_RAD).amplitudes)
+    model = problem.model
+    amplitudes = len(errors_of(model.without_errors(), model.error_sd).amplitudes)
     return amplitudes > 0 and 3 * int(np.count_nonzero(used)) - unknowns >= amplitudes
 
 
@@ -91,7 +91,7 @@ class _Adjustment:
     """Geometry, amplitudes and the tracker's place, linear around ``found``."""
 
     def __init__(self, problem: Problem, found: RobustFit) -> None:
-        wider, x = _widened(problem, found, START_RAD)
+        wider, x = _widened(problem, found, problem.model.error_sd)
         model = wider.model
         _, J = model.linearised(x, problem.Q, problem.target)
         root = 1.0 / found.noise.sigma(problem.range_m)
@@ -110,7 +110,7 @@ class _Adjustment:
                 [k for k, name in enumerate(model.names) if name.startswith(kind) and not geometric[k]],
                 dtype=np.int64,
             )
-            for kind in START_RAD
+            for kind in model.error_sd
         }
 
     def solved(self, kinds: tuple[str, ...], least: float) -> tuple[float, Components]:

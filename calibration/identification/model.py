@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.arm_terms import arm_prior
 from calibration.kinematics.chain import Walk
 from calibration.kinematics.families import ArmSpec
 from calibration.kinematics.parametric import Kind, ParametricArm
@@ -24,7 +25,8 @@ Targets = NDArray[np.int64]
 class Model:
     """``names``, ``kinds``, ``nominal`` and ``sd`` (p,) of all parameters: the arm's, then three per target.
 
-    ``sd`` is the prior standard deviation (m, rad, ratio). ``unknown_tools`` are targets without a place.
+    ``sd`` is the prior standard deviation (m, rad, ratio). ``error_sd`` (rad) is that of the joints' errors,
+    by kind, which are added where readings show them. ``unknown_tools`` are targets without a place.
     """
 
     arm: ParametricArm
@@ -33,6 +35,7 @@ class Model:
     kinds: tuple[Kind, ...]
     nominal: Array
     sd: Array
+    error_sd: Mapping[str, float]
     unknown_tools: tuple[str, ...] = ()
 
     @property
@@ -101,7 +104,7 @@ class Model:
 def make_model(spec: ArmSpec, targets: Sequence[str]) -> Model:
     """The model of a ROBOT for the ``targets`` that the samples name."""
     places, sds, unknown, names = [], [], [], []
-    prior = spec.prior
+    prior, usual = spec.prior, arm_prior(spec.prior)
     length = prior.length_m or LENGTH_M
     for target in targets:
         place = spec.tools.get(target)
@@ -129,5 +132,6 @@ def make_model(spec: ArmSpec, targets: Sequence[str]) -> Model:
         kinds=(*arm.kinds, *lengths),
         nominal=np.concatenate([arm.nominal, *places]),
         sd=np.concatenate([own_sd, *sds]),
+        error_sd={"gear": usual.gear, "sag": usual.sag},
         unknown_tools=tuple(unknown),
     )

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.identification.joint_errors import START_RAD, extended
+from calibration.identification.joint_errors import extended
 from calibration.identification.model import Model, make_model
 from calibration.identification.workspace import places, worst_forecast
 from calibration.kinematics.families import arm_spec
@@ -126,10 +126,10 @@ class KincalSource(Source[KincalResult]):
         if found is None:
             return None
         names = found.uncertainty.names or ()
-        errors = {k: sd for k, sd in START_RAD.items() if any(n.startswith(k) for n in names)}
         try:
             spec = arm_spec(parse_robot(found.result.robot, "result.robot"))
             model = make_model(spec, found.inputs.targets)
+            errors = {k: sd for k, sd in model.error_sd.items() if any(n.startswith(k) for n in names)}
             return extended(model, errors) if errors else model
         except CellError as exc:
             self.missing.append(f"The calibrated arm cannot be drawn: {exc}")

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.estimator import Problem
 from calibration.identification.held_out import HeldOut, by_region, held_out, rms
-from calibration.identification.joint_errors import START_RAD, can_tell
+from calibration.identification.joint_errors import can_tell
 from calibration.identification.model import REGISTRATION
 from calibration.identification.observability import Observability
 from calibration.identification.reflector_constant import KEY, constant_of, moved, unnoticed
@@ -139,7 +139,7 @@ def _joint_errors(solved: Solved) -> JointErrorSizes | None:
     looked = solved.inputs["method"] == "adjustment"
     if not looked or not can_tell(solution.problem, solution.used, solution.unknowns):
         return None
-    for kind in START_RAD:
+    for kind in model.error_sd:
         rows = [k for k, n in enumerate(model.names) if n.startswith(kind) and not model.geometric[k]]
         found[f"{kind}_rad"] = rms(solution.x[rows])
     meaning = (

@@ -1,5 +1,6 @@
 """Errors of gears and sag: found from a tracker's readings, and carried wherever the arm goes."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
 from calibration.identification.estimator import Problem
-from calibration.identification.joint_errors import START_RAD, errors_of, extended
+from calibration.identification.joint_errors import errors_of, extended
 from calibration.identification.model import Model, make_model
 from calibration.identification.solution import identify
 from calibration.kinematics import robot_from_spec
@@ -29,11 +30,13 @@ ROBOTS: dict[str, dict[str, Any]] = {
 }
 LOW = {"ur10e": (-2.9, -2.6, -2.4, -3.0, -2.6, -3.0), "palletizer": (-2.5, 0.6, -2.4, -3.0)}
 HIGH = {"ur10e": (2.9, -0.4, 2.4, 3.0, 2.6, 3.0), "palletizer": (2.5, 2.3, -0.6, 3.0)}
+ERRORS = {"gear": 2e-5, "sag": 1e-4}
 SIZES = {"length": 5e-4, "angle": 1e-3, "ratio": 3e-4}
 
 
-def plain(kind: str) -> Model:
-    return make_model(arm_spec(parse_robot(ROBOTS[kind], "robot")), ["smr1"])
+def plain(kind: str, prior: dict[str, float] | None = None) -> Model:
+    robot = ROBOTS[kind] | ({} if prior is None else {"prior": prior})
+    return make_model(arm_spec(parse_robot(robot, "robot")), ["smr1"])
 
 
 def measured(
@@ -41,7 +44,7 @@ def measured(
 ) -> tuple[Problem, Array, Array, Array]:
     """Readings with 30 um of noise of an arm with such errors; the truth at 200 other joints; its numbers."""
     rng = np.random.default_rng(seed)
-    model = extended(plain(kind), START_RAD)
+    model = extended(plain(kind), ERRORS)
     sd = np.array([SIZES[k] for k in model.kinds])
     sd[~model.geometric] = [
         gear if n.startswith("gear") else sag for n in np.array(model.names)[~model.geometric]
@@ -82,6 +85,17 @@ def test_an_arm_without_such_errors_pays_next_to_nothing_for_the_question() -> N
     assert np.sqrt(np.mean(with_them) / np.mean(without)) < 1.06
 
 
+def test_what_a_robot_says_of_its_gears_and_its_sag_is_heard() -> None:
+    problem, _, _, _ = measured("ur10e", 0, 30, 2e-5, 1e-4)
+    unsaid = identify(problem, {}, joint_errors=True).model
+    assert unsaid.arm.errors
+    none = {"gear_rad": 1e-7, "sag_rad": 1e-7}
+    said = replace(problem, model=plain("ur10e", none))
+    assert not identify(said, {}, joint_errors=True).model.arm.errors
+    usual = replace(problem, model=plain("ur10e", {"gear_rad": 2e-5, "sag_rad": 1e-4}))
+    np.testing.assert_allclose(identify(usual, {}, joint_errors=True).model.sd, unsaid.sd)
+
+
 def test_too_few_readings_ask_for_no_such_errors() -> None:
     problem = measured("ur10e", 3, 18, 50e-6, 300e-6)[0]
     assert not identify(problem, {}, joint_errors=True).model.arm.errors
@@ -90,7 +104,7 @@ def test_too_few_readings_ask_for_no_such_errors() -> None:
 @pytest.mark.parametrize("kind", ["ur10e", "palletizer"])
 def test_the_derivatives_are_those_of_the_points(kind: str) -> None:
     problem, _, _, x = measured(kind, 5, 7, 1e-4, 1e-4)
-    subject = extended(problem.model, START_RAD)
+    subject = extended(problem.model, ERRORS)
     f, J = subject.linearised(x, problem.Q, problem.target)
     for k in range(subject.size):
         step = 1e-6 * (np.arange(subject.size) == k)
@@ -101,7 +115,7 @@ def test_the_derivatives_are_those_of_the_points(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["ur10e", "palletizer"])
 def test_the_robot_document_is_the_arm_with_its_errors(kind: str) -> None:
-    model = extended(plain(kind), START_RAD)
+    model = extended(plain(kind), ERRORS)
     _, Q, _, x = measured(kind, 6, 5, 1e-4, 3e-4)
     spec, own = arm_spec(parse_robot(ROBOTS[kind], "robot")), len(model.arm.names)
     document = robot_document(spec, model.arm, x[:own], {"smr1": x[own:]})
@@ -112,7 +126,7 @@ def test_the_robot_document_is_the_arm_with_its_errors(kind: str) -> None:
 
 
 def test_an_arm_that_is_moved_by_what_was_measured_has_its_errors_too() -> None:
-    model = extended(plain("ur10e"), START_RAD)
+    model = extended(plain("ur10e"), ERRORS)
     _, Q, _, x = measured("ur10e", 6, 5, 1e-4, 3e-4)
     own = len(model.arm.names)
     spec = arm_spec(parse_robot(ROBOTS["ur10e"], "robot"))
@@ -142,8 +156,8 @@ def test_the_load_of_a_parallelogram_goes_with_the_angles_of_its_links() -> None
 def test_errors_that_do_not_fit_the_robot_are_refused(change: dict[str, Any], words: str) -> None:
     document = robot_document(
         arm_spec(parse_robot(ROBOTS["palletizer"], "robot")),
-        extended(plain("palletizer"), START_RAD).arm,
-        extended(plain("palletizer"), START_RAD).nominal[:-3],
+        extended(plain("palletizer"), ERRORS).arm,
+        extended(plain("palletizer"), ERRORS).nominal[:-3],
         {},
     )
     document["joint_errors"][0] |= change
