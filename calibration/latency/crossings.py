@@ -5,19 +5,23 @@ breaks (hysteresis ``h``) shifts every edge by ``h/2`` along the way, whatever t
 edge k of a tool on a way in direction d = +1 or -1 is ``x = e_k + d (v tau + h/2)``: linear in the places
 ``e_k``, ``tau`` and ``h``. Two directions tell ``e_k`` from the rest, two speeds tell ``tau`` from ``h``.
 The delay of beams falls out of the passes out and back.
+
+A poll looks at some time between its request and its reply. Where is the module's way to work, and much the
+same for all polls: it shifts all edges alike, which is no scatter, and no number of passes takes it out. The
+edges of one way are not independent either: a tool whose width takes a whole number of polls has all of them
+at the same place between two.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
-from calibration.latency.delay import Delay, DelayUndetermined
+from calibration.latency.delay import Delay, DelayUndetermined, leave_out
 from cell.poses import Array
 
 ONE_SPEED = 1.2  # ratio of speeds below which tau and h cannot be told apart
-FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -25,20 +29,24 @@ class SeenCrossing:
     """One edge as it was seen.
 
     ``place`` numbers the edges of the tool in space, ``direction`` is 1 or -1, ``speed`` (m/s, positive) that
-    of the arm, ``x`` (m) where the arm was along the way out when the edge was seen, and ``dt`` (s) half of
-    the time that the edge lies in.
+    of the arm, ``x`` (m) where the arm was along the way out when the edge was seen, ``dt`` (s) half of the
+    time between the two looks that the edge lies between, and ``look`` (s) by how much the two may be off.
+    ``way`` numbers the ways.
     """
 
+    way: int
     place: int
     direction: int
     speed: float
     x: float
     dt: float
+    look: float = 0.0
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of ``x``, m: the edge is anywhere in its bracket with equal probability."""
-        return self.speed * self.dt / sqrt(3.0)
+        """Standard deviation of ``x``, m: the edge is anywhere between its looks with equal probability, and
+        each look anywhere in its own time."""
+        return self.speed * hypot(self.dt, self.look) / sqrt(3.0)
 
 
 def undetermined(crossings: Sequence[SeenCrossing]) -> str | None:
@@ -63,17 +71,22 @@ def solve_delay(crossings: Sequence[SeenCrossing]) -> Delay:
     residuals = x - A @ theta
     freedom = len(x) - A.shape[1]
     scatter = float(np.sqrt(np.sum((residuals * weight) ** 2) / freedom))
-    sigma = np.sqrt(np.diag(cov)) * max(scatter, 1.0)  # brackets are known; what exceeds them is not
+    cov_known = cov * max(scatter, 1.0) ** 2  # brackets are known; what exceeds them is not
+    left = leave_out(A * weight[:, None], residuals * weight, np.array([c.way for c in crossings]))
+    sigma = np.sqrt(np.maximum(np.diag(left.cov), np.diag(cov_known)))
     with_h = _several_speeds(crossings)
     tau = A.shape[1] - (2 if with_h else 1)
+    alike = np.array([c.direction * c.speed * c.look for c in crossings])  # m, each edge off by all of it
     return Delay(
         float(theta[tau]),
         float(sigma[tau]),
         float(theta[-1]) if with_h else None,
         float(sigma[-1]) if with_h else None,
         residuals,
-        _held_out(A, x, weight),
+        left.heldout / weight,
         scatter,
+        left.sigmas,
+        bias=abs(float(cov[tau] @ (A.T * weight**2) @ alike)),
     )
 
 
@@ -98,14 +111,3 @@ def _fit(A: Array, x: Array, weight: Array) -> tuple[Array, Array]:
     W = A * weight[:, None] / scale
     theta, *_ = np.linalg.lstsq(W, x * weight, rcond=None)
     return theta / scale, np.linalg.inv(W.T @ W) / np.outer(scale, scale)
-
-
-def _held_out(A: Array, x: Array, weight: Array) -> Array:
-    """(n,) m: each crossing against a solution without its fold; NaN where the rest cannot tell."""
-    out = np.full(len(x), np.nan)
-    for fold in range(FOLDS):
-        test = np.arange(len(x)) % FOLDS == fold
-        if np.linalg.matrix_rank(A[~test]) == A.shape[1]:
-            theta, _ = _fit(A[~test], x[~test], weight[~test])
-            out[test] = x[test] - A[test] @ theta
-    return out

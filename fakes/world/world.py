@@ -377,6 +377,11 @@ class World:
             "T_flange_tool_nominal": to_pose6(self.T_flange_tool).tolist(),
             "tool_shape": [c.model_dump(by_alias=True) for c in self.config.tool.shape],
             "beams": {name: beam.model_dump() for name, beam in self.config.beams.items()},
+            **(
+                {}
+                if (io := self.config.io) is None
+                else {"io": io.model_dump(include={"filter_s", "scan_s"})}
+            ),
             **({} if self.tracker is None else {"tracker": self.tracker.told(t)}),
             **self._belt_truth(t),
             **({} if self.rack is None or t == inf else {"rack": self.rack.truth_at(t)}),

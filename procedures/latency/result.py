@@ -29,6 +29,11 @@ class LatencyUncertainty(Part):
     camera_sigma_s: Seconds | None = Field(
         default=None, description="Part of sigma_s that the camera brings by which a belt was seen."
     )
+    look_s: Seconds | None = Field(
+        default=None,
+        description="The most that all edges of a beam may be off alike, by where between a request and its "
+        "reply the module looks. The interval has it in full, sigma_s does not.",
+    )
 
 
 class LatencyResiduals(Part):

@@ -28,6 +28,7 @@ from procedures.latency.result import (
     LatencyUncertainty,
 )
 from procedures.solving import within_limits
+from procedures.words import ms
 
 DATA_FILE = "latency.json"
 SCHEMA = "cellward.latency/1"
@@ -52,7 +53,7 @@ def solve_latency(path: Path) -> LatencyResult | Result:
         return Result(kind="latency", verdict="fail", reasons=[str(exc)], result=None, inputs=inputs)
     camera = float(data.get("camera_sigma_s", 0.0))
     sigma = float(np.hypot(found.sigma_tau, camera))
-    half = float(np.hypot(found.sigmas * found.sigma_tau, Z95 * camera))
+    half = float(np.hypot(found.half95, Z95 * camera))
     offset = data["applied_s"] + found.tau
     held_out = found.heldout[np.isfinite(found.heldout)]
     return LatencyResult(
@@ -66,7 +67,10 @@ def solve_latency(path: Path) -> LatencyResult | Result:
             hysteresis_m=found.hysteresis,
         ),
         uncertainty=LatencyUncertainty(
-            sigma_s=sigma, sigma_hysteresis_m=found.sigma_hysteresis, camera_sigma_s=camera or None
+            sigma_s=sigma,
+            sigma_hysteresis_m=found.sigma_hysteresis,
+            camera_sigma_s=camera or None,
+            look_s=found.bias or None,
         ),
         residuals=LatencyResiduals(
             rms_m=float(np.sqrt(np.mean(found.residuals**2))),
@@ -84,7 +88,15 @@ def _undetermined(data: Mapping[str, Any], found: Delay) -> list[str]:
     if data["signal"] == BELT_SIGHTINGS:
         words = ["a camera that is late by more than its own interval says: it is in the answer as far"]
         return words if data.get("camera_sigma_s") else [*words, "how well the camera's delay is known"]
-    return [] if found.hysteresis is not None else ["the hysteresis: with one speed it is part of the delay"]
+    words = []
+    if found.bias:
+        words.append(
+            "where between a request and its reply the module looks: the interval has "
+            f"{ms(found.bias)} to either side for it"
+        )
+    if found.hysteresis is None:
+        words.append("the hysteresis: with one speed it is part of the delay")
+    return words
 
 
 def of_beam(data: Mapping[str, Any]) -> Delay:
@@ -136,23 +148,23 @@ def of_belt(data: Mapping[str, Any]) -> Delay:
 
 def beam_edges(data: Mapping[str, Any]) -> list[SeenCrossing]:
     """What the passes of a beam show, each edge of the tool at its place."""
-    return [c for entry in data["passes"] for c in crossings_of(entry, data["across"])]
+    return [c for k, entry in enumerate(data["passes"]) for c in crossings_of(k, entry, data["across"])]
 
 
-def crossings_of(entry: Mapping[str, Any], across: Sequence[float]) -> list[SeenCrossing]:
-    """The edges of one PASS (see ``cellward.laser/1``), in their order in space."""
+def crossings_of(way: int, entry: Mapping[str, Any], across: Sequence[float]) -> list[SeenCrossing]:
+    """The edges of one PASS (see ``cellward.laser/1``), which is ``way``, in their order in space."""
     t, x = np.array(entry["pose_t"]), np.array(entry["pose_xyz"]) @ np.array(across)
     poll_t, poll_dt = np.array(entry["poll_t"]), np.array(entry["poll_dt"])
     changed = np.flatnonzero(np.diff(entry["poll_v"]))
     found: list[SeenCrossing] = []
     for i in changed[:: entry["dir"]]:
-        low, high = poll_t[i] - poll_dt[i], poll_t[i + 1] + poll_dt[i + 1]
-        seen = 0.5 * (low + high)
-        near = np.abs(t - seen) <= max(SPEED_WINDOW_S, high - low)
+        low, high = poll_t[i : i + 2]
+        seen, look = 0.5 * (low + high), 0.5 * float(poll_dt[i] + poll_dt[i + 1])
+        near = np.abs(t - seen) <= max(SPEED_WINDOW_S, high - low + 2.0 * look)
         speed = abs(float(np.polyfit(t[near] - seen, x[near], 1)[0]))
-        found.append(
-            SeenCrossing(len(found), entry["dir"], speed, float(np.interp(seen, t, x)), 0.5 * (high - low))
-        )
+        at = float(np.interp(seen, t, x))
+        edge = len(found), entry["dir"], speed, at, 0.5 * float(high - low), look
+        found.append(SeenCrossing(way, *edge))
     return found
 
 

@@ -30,7 +30,10 @@ def _true_delay(truth: Mapping[str, Any], job: Mapping[str, Any]) -> tuple[str, 
     """What was measured, and how late it is, s."""
     source = job["source"]
     if source == "beams":
-        return f"beam {job['beam']}", float(truth["beams"][job["beam"]]["latency_s"])
+        # The module takes a level over after its filter, and on average half a scan later.
+        module = truth.get("io", {})
+        late = float(module.get("filter_s", 0.0)) + 0.5 * float(module.get("scan_s", 0.0))
+        return f"beam {job['beam']}", float(truth["beams"][job["beam"]]["latency_s"]) + late
     if source == "belt":
         belt = truth["belt"]
         return "the encoder", float(belt["late_s"] + 0.5 * belt["jitter_s"])

@@ -49,6 +49,8 @@ SOLVED = [
 # Their posterior is drawn by random walks, and a processor that rounds otherwise walks otherwise. On the
 # machine that made it a run of any kind replays to a billionth: the tests of the jobs hold that.
 DRAWN = ("laser-reference", "laser-check", "laser-update")
+# What was stated of a beam's delay did not hold, see decision 0059: the answer is the same, the rest is not.
+RESTATED = {"latency-calibration": ("result.interval95_s", "uncertainty.", "residuals.over", "heldout.")}
 POINTS = ("p_new", "p_ref", "T_flange_tool", "dp_flange", "shift_m", "flange_offset_base")
 # A figure of each kind that does not depend on the limits and values of the cell, which a data set lacks.
 FIGURES = {"hand-eye": "T_flange_camera", "laser": "p_new", "kincal": "T_tracker_base"}
@@ -157,11 +159,13 @@ def test_the_data_of_an_earlier_version_give_the_answer_that_it_found(
     ran = command(cell)("replay", number, "--json")
     subject = json.loads(ran.out)
     assert subject["tolerance"] == 1e-9, "relative"
-    if JOBS[cell][number - 1] in DRAWN:
+    job = JOBS[cell][number - 1]
+    different = [d for d in subject["differences"] if not d["where"].startswith(RESTATED.get(job, ("?",)))]
+    if job in DRAWN:
         small = Sample(unpacked / cell).run(number).read_result()["uncertainty"]["U_point_m"] / 100
-        assert [d for d in subject["differences"] if not _of_the_draw(d, small)] == []
+        assert [d for d in different if not _of_the_draw(d, small)] == []
     else:
-        assert [d for d in subject["differences"] if not _of_the_rounding(d)] == [], ran.err
+        assert [d for d in different if not _of_the_rounding(d)] == [], ran.err
     assert {"result", "uncertainty", "residuals", "heldout"} >= {
         w.split(".")[0] for w in subject["not_recorded"]
     }

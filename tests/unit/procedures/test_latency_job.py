@@ -220,16 +220,15 @@ class Positions:
 def levels(data: Mapping[str, Any]) -> list[SeenCrossing]:
     """Where the arm was when the source's reading passed each level."""
     found = []
-    for entry in data["passes"]:
+    for number, entry in enumerate(data["passes"]):
         seen_t, seen, way = np.array(entry["seen_t"]), np.array(entry["seen"]), entry["dir"]
         for place, level in enumerate(data["levels"]):
             i = int(np.argmax(way * (seen - level) >= 0.0))
             t = float(np.interp(0.0, way * (seen[i - 1 : i + 1] - level), seen_t[i - 1 : i + 1]))
             at = np.interp([t - 0.02, t, t + 0.02], entry["t"], entry["x"])
             speed = float(abs(at[2] - at[0]) / 0.04)
-            found.append(
-                SeenCrossing(place, way, speed, float(at[1]), 0.5 * float(seen_t[i] - seen_t[i - 1]))
-            )
+            dt = 0.5 * float(seen_t[i] - seen_t[i - 1])
+            found.append(SeenCrossing(number, place, way, speed, float(at[1]), dt))
     return found
 
 
