@@ -50,7 +50,15 @@ SOLVED = [
 # machine that made it a run of any kind replays to a billionth: the tests of the jobs hold that.
 DRAWN = ("laser-reference", "laser-check", "laser-update")
 # What was stated of a beam's delay did not hold, see decision 0059: the answer is the same, the rest is not.
-RESTATED = {"latency-calibration": ("result.interval95_s", "uncertainty.", "residuals.over", "heldout.")}
+RESTATED = {
+    "latency-calibration": (
+        "result.interval95_s",
+        "uncertainty.",
+        "residuals.over",
+        "heldout.",
+        "observability.",
+    )
+}
 POINTS = ("p_new", "p_ref", "T_flange_tool", "dp_flange", "shift_m", "flange_offset_base")
 # A figure of each kind that does not depend on the limits and values of the cell, which a data set lacks.
 FIGURES = {"hand-eye": "T_flange_camera", "laser": "p_new", "kincal": "T_tracker_base"}

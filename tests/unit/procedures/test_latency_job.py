@@ -23,7 +23,7 @@ from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.procedure import LatencyCalibration
-from procedures.latency.solver import SIGNALS
+from procedures.latency.solver import SIGNALS, crossings_of
 from procedures.latency.states import State
 from procedures.latency.to_and_fro import to_and_fro
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused, write_config
@@ -131,10 +131,29 @@ def test_a_wide_interval_is_a_fail_that_names_the_limit(tmp_path: Path) -> None:
             with_reference(cell)
             end = await cell.run_job()
             assert (end["outcome"], end["verdict"]) == ("complete", "fail")
-            assert cell.result(1)["reasons"][0].startswith("max_interval_s")
+            (reason,) = cell.result(1)["reasons"]
+            assert reason.startswith("max_interval_s")
+            assert reason.endswith("0.50 ms of it are the time of an answer, which more passes do not narrow")
             assert cell.ledger.effective(time_offset("beams"), 0.0).version is None
 
     run_virtual(main())
+
+
+def test_an_edge_lies_between_the_middles_of_two_polls_that_looked_somewhere_in_their_answers() -> None:
+    t = np.arange(0.0, 1.0, 0.002)
+    poll_t = np.arange(0.0, 1.0, 0.005)
+    entry = {
+        "dir": 1,
+        "pose_t": t,
+        "pose_xyz": np.outer(t, [0.05, 0.0, 0.0]),
+        "poll_t": poll_t,
+        "poll_v": (poll_t > 0.4).astype(int),
+        "poll_dt": np.where(poll_t > 0.4, 0.002, 0.001),
+    }
+    (subject,) = crossings_of(7, entry, [1.0, 0.0, 0.0])
+    assert (subject.way, subject.place, subject.direction) == (7, 0, 1)
+    found = subject.speed, subject.x, subject.dt, subject.look
+    assert found == pytest.approx((0.05, 0.05 * 0.4025, 0.0025, 0.0015), abs=1e-9)
 
 
 def test_a_finish_on_the_way_uses_what_was_taken_and_lifts_the_tool(tmp_path: Path) -> None:
