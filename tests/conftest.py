@@ -7,6 +7,7 @@ import os
 import random
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ settings.load_profile("cellward")
 DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
+LONGEST_IMPORT_S = 300.0  # of one module of tests, on a computer with much else to do
 SPOKEN_OF = ("wire", "alone")  # marks of which a module with such tests has the word
 _said: dict[tuple[Path, str], bool] = {}
 
@@ -55,8 +57,27 @@ def pytest_make_collect_report(
     if not isinstance(collector, pytest.Module):
         return (yield)
     with collector.path.open("rb") as module:
-        fcntl.flock(module, fcntl.LOCK_EX)
+        if not _locked(module.fileno()):
+
+            def refuse() -> Any:
+                raise collector.CollectError(
+                    f"another process has had the lock of {collector.path} for {LONGEST_IMPORT_S:g} s; "
+                    "'lslocks' names it: end it, for it hangs while it imports this module, and start again"
+                )
+
+            collector.collect = refuse  # type: ignore[method-assign]  # told by a worker, too
         return (yield)
+
+
+def _locked(file: int) -> bool:
+    """Take the lock of a module; False when another process does not let go of it."""
+    give_up = time.monotonic() + LONGEST_IMPORT_S
+    while time.monotonic() < give_up:
+        with suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        time.sleep(0.02)
+    return False
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
