@@ -123,6 +123,16 @@ def test_a_speed_beyond_the_limits_is_refused_and_not_slowed_down(tmp_path: Path
     run_virtual(main())
 
 
+def test_the_limit_is_that_of_the_source_unless_it_is_given() -> None:
+    belt = {"source": "belt", "belt_z_m": 0.1}
+    given = {"accept": {"max_interval_s": 0.001}}
+    tables = [{}, {"accept": {}}, belt, given, belt | given]
+    limits = [LatencyCalibrationConfig.model_validate(table) for table in tables]
+    assert [config.accept.max_interval_s for config in limits] == [0.006, 0.006, 0.002, 0.001, 0.001]
+    again = limits[0].model_dump(mode="json")
+    assert LatencyCalibrationConfig.model_validate(again) == limits[0]
+
+
 def test_a_wide_interval_is_a_fail_that_names_the_limit(tmp_path: Path) -> None:
     config = cell_config(tmp_path, accept={"auto": True, "max_interval_s": 1e-5})
 
