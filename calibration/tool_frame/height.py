@@ -5,12 +5,12 @@ the depth below the first contact makes the length of the break, and the polls s
 What is not known beside the height is walked through: the shape of the end, and how well the arm repeats.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.tool_frame.glimpse import Glimpse
@@ -24,8 +24,6 @@ _ZOOMS = 3
 ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
 NEAR_M = 8e-4  # deeper down, the length of a break tells little of the height, and shapes differ more
 _FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left out
-_AT_ONCE = 200_000  # numbers that are worked on together, so that they stay near the processor
-_MOST_AT_ONCE = 32  # passes whose product is taken; none is less likely than LOST squared
 _NARROW = 0.05  # points of the grid: as good as no normal at all
 _NOTHING = 1e-16  # beside LOST squared, the least of all, a share so small adds 1e-10 of it
 _SHORT, _STRETCH = 27, 107  # points of the grid that are blurred at once: few where few beside them count
@@ -97,22 +95,41 @@ def log_likelihood(
     """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,). ``usual`` (m) is how
     long they were broken on the whole: of an end that is of no known shape, no more is expected."""
     near = [g for g in glimpses if not g.hit or float(grid[0]) - g.height < 0.5 * view.chord]
-    together: dict[int, list[Array]] = {}
-    for g, chance in zip(near, _chances(near, view, ends, grid, usual), strict=True):
-        together.setdefault(g.pair, []).append(chance)
     found = np.zeros((len(scatter.sigmas), len(ends), len(grid)))
+    rows, row = _different(_chances(near, view, ends, grid, usual))
+    together: dict[int, list[int]] = {}
+    for k, g in enumerate(near):
+        together.setdefault(g.pair, []).append(k)
     points = scatter.sigmas / float(grid[1] - grid[0])
     for ways in {len(group) for group in together.values()}:
-        own = _Blur(np.sqrt(1.0 - SHARED) * points if ways > 1 else points, len(grid))
-        shared = _Blur(np.sqrt(SHARED) * points, len(grid)) if ways > 1 else None
         groups = np.array([group for group in together.values() if len(group) == ways])
-        few = max(_AT_ONCE // (ways * len(grid) * len(points)), 1)
-        at_once = min(max(few // len(ends), 1), _MOST_AT_ONCE)
-        for k, e in product(range(0, len(groups), at_once), range(0, len(ends), few)):
-            some = slice(e, e + few)
-            seen = np.prod(own.of(groups[None, k : k + at_once, :, some]), axis=2)
-            found[:, some] += np.log(np.prod(seen if shared is None else shared.of(seen), axis=1))
+        of_ways = row[groups].swapaxes(0, 1).reshape(ways, -1)  # of each group and end
+        same, which = np.unique(of_ways, axis=1, return_inverse=True)
+        often = np.zeros((len(ends), same.shape[1]))
+        np.add.at(often, (np.tile(np.arange(len(ends)), len(groups)), which.ravel()), 1.0)
+        own = np.sqrt(1.0 - SHARED) * points if ways > 1 else points
+        for each, one, all_ways in zip(found, own, np.sqrt(SHARED) * points, strict=True):
+            seen = np.prod(_blurred(rows, one)[same], axis=0)
+            each += often @ np.log(seen if ways == 1 else _blurred(seen, all_ways))
     return found.swapaxes(0, 1)
+
+
+def _different(chances: Iterable[Array]) -> tuple[Array, NDArray[np.intp]]:
+    """The rows (r, n) of ``chances`` (E, n) that differ, and which it is of each pass and end (k, E).
+
+    Most ends are the same to most passes."""
+    place: dict[bytes, int] = {}
+    rows: list[Array] = []
+    found = []
+    for chance in chances:
+        own = []
+        for line in chance:
+            k = place.setdefault(line.tobytes(), len(rows))
+            if k == len(rows):
+                rows.append(line)
+            own.append(k)
+        found.append(own)
+    return np.array(rows), np.array(found, dtype=np.intp)
 
 
 def _chances(
@@ -137,25 +154,16 @@ def _chances(
         yield chance
 
 
-class _Blur:
-    """Folds with normals of ``points`` (S,) of a grid of ``n``, beyond whose ends all is as it is there.
+def _blurred(rows: Array, points: float) -> Array:
+    """``rows`` (r, n) folded with a normal of ``points`` of their grid; beyond its ends it is as it is there.
 
     A point takes what its cell of the grid has of the normal; that adds the cell's own variance, which is
     taken from the normal's. By products with matrices, stretch by stretch, of the points that are near enough
     to count: at this size Fourier transforms take longer, and leave noise where the values are small."""
-
-    def __init__(self, points: Array, n: int) -> None:
-        self._parts = [_stretches(each, n) for each in points]
-
-    def of(self, values: Array) -> Array:
-        """(S, ..., n) of ``values`` (S, ..., n) or (1, ..., n)."""
-        rows = values.reshape(len(values), -1, values.shape[-1])
-        found = np.empty((len(self._parts), *rows.shape[1:]))
-        for k, (each, parts) in enumerate(zip(found, self._parts, strict=True)):
-            given = rows[k if len(rows) > 1 else 0]
-            for near, there, shares in parts:
-                np.matmul(given[:, near], shares, out=each[:, there])
-        return found.reshape(len(found), *values.shape[1:])
+    found = np.empty_like(rows)
+    for near, there, shares in _stretches(points, rows.shape[1]):
+        np.matmul(rows[:, near], shares, out=found[:, there])
+    return found
 
 
 def _stretches(points: float, n: int) -> list[tuple[slice, slice, Array]]:

@@ -1,5 +1,7 @@
 """Where a tool's end first meets a beam: the likelihood of hits, misses and lengths."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -10,6 +12,7 @@ from calibration.tool_frame.height import first_contact, log_likelihood, weights
 from calibration.tool_frame.height_search import HeightSearch, sought
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
+from calibration.tool_frame.standstills import SHARED
 from calibration.tool_frame.tip import ENDS, TipShape
 from cell.formats.laser import parse_laser
 from cell.poses import Array
@@ -93,26 +96,41 @@ def test_one_pass_that_is_not_what_it_seems_does_not_move_the_height() -> None:
     assert bad.mean[k] == pytest.approx(good.mean[k], abs=2e-6)
 
 
-def test_ends_are_looked_at_a_few_at_a_time_and_say_what_each_says_alone(
+def test_what_is_the_same_for_many_ends_is_folded_once_and_each_says_what_it_says_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """More numbers than stay near the processor take twice the time."""
     scatter, folded = scatter_of(None), []
-    blur = height._Blur.of
+    blurred = height._blurred
 
-    def counted(self: height._Blur, values: Array) -> Array:
-        folded.append(len(scatter.sigmas) * values[0].size)
-        return blur(self, values)
+    def counted(rows: Array, points: float) -> Array:
+        folded.append(len(rows))
+        return blurred(rows, points)
 
     seen = pairs_at(np.random.default_rng(5), ROUND_END, 0.0, NEAR, SIGMA)
     grid = np.linspace(-3e-4, 3e-4, 101)
-    monkeypatch.setattr(height, "_AT_ONCE", 5_000)
-    monkeypatch.setattr(height._Blur, "of", counted)
+    monkeypatch.setattr(height, "_blurred", counted)
     together = log_likelihood(seen, VIEW, ENDS, scatter, grid)
-    assert max(folded) <= 5_000
+    assert max(folded) < 0.5 * len(seen) * len(ENDS)
     for k in (0, 1, len(ENDS) - 1):
         alone = log_likelihood(seen, VIEW, ENDS[k : k + 1], scatter, grid)
         assert together[k] == pytest.approx(alone[0], rel=1e-9)
+
+
+def test_the_log_likelihood_adds_up_pairs_of_ways_folded_with_what_is_theirs_and_what_they_share() -> None:
+    scatter, ends, grid = scatter_of(None), ENDS[::12], np.linspace(-3e-4, 3e-4, 51)
+    seen = pairs_at(np.random.default_rng(6), ROUND_END, 0.0, NEAR[:5], SIGMA)
+    seen = [*seen, replace(seen[0], pair=99)]  # one way without its way back
+    chances = dict(zip(map(id, seen), height._chances(seen, VIEW, ends, grid, None), strict=True))
+    expected = np.zeros((len(ends), len(scatter.sigmas), len(grid)))
+    for k, points in enumerate(scatter.sigmas / (grid[1] - grid[0])):
+        for pair in {g.pair for g in seen}:
+            ways = [chances[id(g)] for g in seen if g.pair == pair]
+            if len(ways) == 1:
+                expected[:, k] += np.log(height._blurred(ways[0], points))
+            else:
+                own = [height._blurred(way, np.sqrt(1.0 - SHARED) * points) for way in ways]
+                expected[:, k] += np.log(height._blurred(np.prod(own, axis=0), np.sqrt(SHARED) * points))
+    assert log_likelihood(seen, VIEW, ends, scatter, grid) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("points", [0.01, 0.4, 3.0, 60.0])
@@ -120,14 +138,12 @@ def test_a_fold_takes_from_each_point_what_its_cell_has_of_the_normal_and_goes_o
     points: float,
 ) -> None:
     n, far = 2 * height._STRETCH + 30, 800
-    values = np.random.default_rng(2).uniform(LOST, 1.0, (1, 2, n))
+    values = np.random.default_rng(2).uniform(LOST, 1.0, (2, n))
     at = np.arange(-far, n + far)
-    longer = values[..., np.clip(at, 0, n - 1)]
+    longer = values[:, np.clip(at, 0, n - 1)]
     sigma = max(points**2 - 1.0 / 12.0, height._NARROW**2) ** 0.5
     share = [norm.cdf((at - k + 0.5) / sigma) - norm.cdf((at - k - 0.5) / sigma) for k in range(n)]
-    found = height._Blur(np.array([1.0, points]), n).of(values)
-    assert found.shape == (2, 2, n)
-    assert found[1] == pytest.approx(longer[0] @ np.array(share).T, rel=1e-9)
+    assert height._blurred(values, points) == pytest.approx(longer @ np.array(share).T, rel=1e-9)
 
 
 @pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
