@@ -18,21 +18,12 @@ from pydantic import BaseModel
 
 from cell.clock import Clock
 from cell.corrected_stamps import CorrectedCamera, CorrectedEncoder
-from cell.devices import (
-    Arm,
-    ArmState,
-    DepthCamera,
-    Device,
-    DigitalInputs,
-    Encoder,
-    Gripper,
-    LaserTracker,
-    ObservedArm,
-)
+from cell.devices import Arm, ArmState, DepthCamera, Device, DigitalInputs, Encoder, Gripper, ObservedArm
 from cell.errors import CellError, error
 from cell.formats.result import NO_FIGURES, Envelope, Figures
 from cell.interruptions import Interruptions
 from cell.kinds import D, as_kind
+from cell.laser_tracker import LaserTracker
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
 from cell.packml import PackML

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.devices import LaserTracker
 from cell.errors import CellError
+from cell.laser_tracker import LaserTracker
 from cell.poses import Array
 from cell.testing.bench import Bench, Rig, known
 from cell.testing.device import DeviceContract

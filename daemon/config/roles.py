@@ -4,8 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cell.devices import Arm, DepthCamera, DigitalInputs, Encoder, Gripper, LaserTracker, ObservedArm
+from cell.devices import Arm, DepthCamera, DigitalInputs, Encoder, Gripper, ObservedArm
 from cell.kinds import plays
+from cell.laser_tracker import LaserTracker
 
 
 @dataclass(frozen=True)

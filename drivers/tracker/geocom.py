@@ -1,4 +1,4 @@
-"""A total station that speaks GeoCOM, as ``cell.devices.LaserTracker``."""
+"""A total station that speaks GeoCOM, as ``cell.laser_tracker.LaserTracker``."""
 
 import asyncio
 import logging
@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
 from cell.clock import Clock
-from cell.devices import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
+from cell.laser_tracker import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
 from drivers.life import SampledDevice

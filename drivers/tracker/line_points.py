@@ -1,11 +1,11 @@
-"""A program that measures a point when it is asked to, as ``cell.devices.LaserTracker``."""
+"""A program that measures a point when it is asked to, as ``cell.laser_tracker.LaserTracker``."""
 
 from typing import Self
 
 from pydantic import Field, model_validator
 
-from cell.devices import StablePoint
 from cell.errors import error
+from cell.laser_tracker import StablePoint
 from cell.poses import Array
 from cell.samples import Sample
 from drivers.tracker.line_config import STATED, LineStreamConfig

@@ -1,4 +1,4 @@
-"""A program that sends points as lines of text, as ``cell.devices.LaserTracker``."""
+"""A program that sends points as lines of text, as ``cell.laser_tracker.LaserTracker``."""
 
 import asyncio
 import logging
@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from cell.clock import Clock
-from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
+from cell.devices import Identity
 from cell.errors import CellError, error
+from cell.laser_tracker import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
 from drivers.life import SampledDevice

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cell.devices import StablePoint
 from cell.errors import CellError, error
+from cell.laser_tracker import StablePoint
 from cell.poses import Array
 from cell.samples import Sample
 

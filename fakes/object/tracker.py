@@ -4,9 +4,10 @@ import numpy as np
 from pydantic import Field
 
 from cell.clock import Clock
-from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
+from cell.devices import Identity
 from cell.errors import CellError, error
 from cell.formats.reading import Strict
+from cell.laser_tracker import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.poses import Array
 from cell.samples import Sample
 from fakes.object._lazy import LazyStream
@@ -41,7 +42,7 @@ class ObjectTrackerConfig(Strict):
 
 
 class ObjectTracker(ObjectDevice):
-    """``cell.devices.LaserTracker`` on virtual time; it follows the reflector that it found."""
+    """``cell.laser_tracker.LaserTracker`` on virtual time; it follows the reflector that it found."""
 
     Config = ObjectTrackerConfig
     PLAYS = (LaserTracker,)
@@ -118,7 +119,7 @@ class ObjectTracker(ObjectDevice):
                 raise error("TRACKER_NO_TARGET", f"{self.name}: {status} within {half:g} rad of its aim")
 
     async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
-        """Wait for a window of readings that agree; see :class:`cell.devices.LaserTracker`.
+        """Wait for a window of readings that agree; see :class:`cell.laser_tracker.LaserTracker`.
 
         ``TRACKER_SETTING`` until a reflector was selected, and when the constant is not its own any more.
         """

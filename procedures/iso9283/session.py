@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from calibration.identification.registration import Registration, robust_register
-from cell.devices import Speed, StablePoint
+from cell.devices import Speed
 from cell.errors import CellError, error
+from cell.laser_tracker import StablePoint
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Run

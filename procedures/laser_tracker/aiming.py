@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cell.devices import StablePoint
 from cell.errors import CellError, error
+from cell.laser_tracker import StablePoint
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration
-from cell.devices import StablePoint
 from cell.errors import CellError, error
+from cell.laser_tracker import StablePoint
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample

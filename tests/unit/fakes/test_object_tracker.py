@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.devices import LaserTracker
 from cell.errors import CellError
+from cell.laser_tracker import LaserTracker
 from cell.poses import Array
 from fakes.object import ObjectTracker, VirtualClock, cell_of, run_virtual
 from fakes.world.scenario import FaultEntry

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from cell.devices import StablePoint
 from cell.formats.kincal import SCHEMA, Kincal
 from cell.formats.reading import parse
 from cell.formats.tracker_samples import as_data_set
+from cell.laser_tracker import StablePoint
 from cell.samples import Sample
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import Visit
