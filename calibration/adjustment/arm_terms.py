@@ -14,6 +14,7 @@ from calibration.hand_eye import se3
 from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.joint_errors import JointErrors, of_gears, of_sag
 from calibration.kinematics.parametric import ParametricArm
+from cell.even_points import even_points
 from cell.formats.robot import Prior
 from cell.poses import Array, adjoint
 
@@ -126,10 +127,8 @@ def without_gauge(terms: ArmTerms, flange: Array, gauge: Array) -> ArmTerms:
 
 def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -> Array:
     """(2 ** power, j) joints spread evenly over the ``limits`` (j, 2) rad, at most half a turn either way."""
-    from scipy.stats.qmc import Sobol  # half a second of each process that imports it
-
     low, high = np.maximum(limits[:, 0], -np.pi), np.minimum(limits[:, 1], np.pi)
-    even = Sobol(len(limits), seed=seed).random_base2(power)
+    even = even_points(len(limits), power, seed)
     return np.asarray(low + (high - low) * even)
 
 

@@ -12,6 +12,7 @@ from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.chain_arm import ChainArm, rows
 from calibration.kinematics.inverse import distinct, polish
 from cell.arm_model import LinkShape
+from cell.even_points import even_points
 from cell.formats.robot import Serial6Robot
 from cell.poses import Array
 
@@ -67,6 +68,4 @@ class Serial6Arm(ChainArm):
 
 @cache
 def _even() -> Array:
-    from scipy.stats.qmc import Sobol  # half a second of each process that imports it
-
-    return np.asarray(Sobol(6, seed=6).random_base2(_STARTS))
+    return even_points(6, _STARTS, seed=6)

@@ -12,6 +12,7 @@ from calibration.planning.planner import Checker
 from cell.arm_model import ArmModel
 from cell.devices import Intrinsics
 from cell.errors import CellError
+from cell.even_points import even_points
 from cell.poses import Array
 
 _ROLL_RAD = 1.0  # either way of the roll that the target has now
@@ -35,10 +36,8 @@ def candidate_views(
     volume: Volume, seen: RigidTransform, points: Array, camera: Intrinsics
 ) -> RigidTransform:
     """T_camera_target (n) of views to choose from; ``seen`` is the target as it is now."""
-    from scipy.stats.qmc import Sobol  # half a second, which whoever plans no volume does not need
-
     count = _CANDIDATES * volume.poses
-    even = Sobol(6, seed=_SEED).random_base2(int(np.ceil(np.log2(count))))[:count]
+    even = even_points(6, int(np.ceil(np.log2(count))), _SEED)[:count]
     distance = volume.nearest_m + (volume.farthest_m - volume.nearest_m) * even[:, 0]
     fx, fy, cx, cy = camera.K
     u = cx + _MIDDLE * (even[:, 1] - 0.5) * camera.width

@@ -7,6 +7,7 @@ all poses is no error of the arm: it is another place of its base, and of what i
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from cell.even_points import even_points
 from cell.poses import Array, adjoint, exp_xi, log_xi
 from fakes.world.arm.kinematics import JOINTS, Chain
 from fakes.world.arm.true_arm import TrueArm
@@ -21,10 +22,8 @@ def serving(believed: Chain, true: TrueArm, ranges: Array) -> tuple[RigidTransfo
 
     ``q`` are spread evenly over ``ranges`` (6, 2) rad, at most half a turn either way.
     """
-    from scipy.stats.qmc import Sobol  # half a second, which a twin with a perfect arm does not need
-
     low, high = np.maximum(ranges[:, 0], -np.pi), np.minimum(ranges[:, 1], np.pi)
-    Q = low + (high - low) * Sobol(JOINTS, seed=_SEED).random_base2(_SPREAD)
+    Q = low + (high - low) * even_points(JOINTS, _SPREAD, _SEED)
     arm, truly = believed.forward(Q), true.forward(Q)
     scale = np.array([1.0] * 3 + [_LEVER_M] * 3)
     own = np.broadcast_to(np.diag(scale), (len(Q), 6, 6))
