@@ -41,9 +41,9 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
         )
     if answer.contact_off_rms_m is not None and answer.contact_off_largest_m is not None:
         lines.append(
-            f"  at contact items were {mm(answer.contact_off_rms_m)} RMS beside the tool by later counts, "
-            f"{mm(answer.contact_off_largest_m)} at most; "
-            "that is without constant errors of camera, calibration and arm"
+            f"  at contact items were {mm(answer.contact_off_rms_m)} RMS beside the tool's set-point, "
+            f"{mm(answer.contact_off_largest_m)} at most, by later counts and pictures; "
+            "errors of camera, calibration and arm are not in it"
         )
     if (known := answer.camera_delay_95_s) is not None:
         lines.append(

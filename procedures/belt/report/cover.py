@@ -52,7 +52,9 @@ def tracking_cover(source: BeltSource) -> Cover:
     if follow is not None:
         figures.append(judged("tool beside its set-points, largest", follow, limit, mm))
     if (off := answer.contact_off_largest_m) is not None:
-        figures.append(judged("item beside the tool at contact by later counts, largest", off, limit, mm))
+        figures.append(
+            judged("item beside the set-point at contact by later counts, largest", off, limit, mm)
+        )
     if (known := answer.camera_delay_95_s) is not None:
         figures.append(CoverFigure("delay of the camera, 95 %", f"{1e3 * known:.2f} ms"))
     return Cover(figures, [_COUNTED])
