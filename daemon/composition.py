@@ -23,10 +23,15 @@ def supervised_devices(config: CellConfig, clock: Clock, beats: Beats) -> list[S
     return made
 
 
+def bound_to(config: CellConfig, name: str) -> dict[str, str]:
+    """The devices that ``[device.NAME]`` names to stand on, by the key that names them."""
+    section = config.device[name]
+    return {key: getattr(section, key) for key in bindings(driver_class(section.driver))}
+
+
 def _bind(config: CellConfig, devices: Mapping[str, Device]) -> None:
     """Give each device those that its section names."""
-    for name, section in config.device.items():
-        others = {key: devices[getattr(section, key)] for key in bindings(driver_class(section.driver))}
-        if others:
+    for name in config.device:
+        if others := bound_to(config, name):
             binder: Any = devices[name]
-            binder.bind(**others)
+            binder.bind(**{key: devices[other] for key, other in others.items()})

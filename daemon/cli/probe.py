@@ -12,7 +12,7 @@ from cell.errors import CellError, error
 from cell.wire_recording.tap import recorded_by
 from cell.wire_recording.writer import WireRecorder
 from daemon.cli.failures import exit_code_of
-from daemon.composition import supervised_devices
+from daemon.composition import bound_to, supervised_devices
 from daemon.config import CellConfig
 from daemon.controller_limits import narrower_than_planned, require_within
 from daemon.health import Beats
@@ -27,6 +27,9 @@ _MOST_RECORDED = 500 * 10**6  # bytes
 async def probe_devices(config: CellConfig, record: Path | None = None) -> list[dict[str, Any]]:
     """Open, identify and close every device, all at once. Nothing moves: motion needs a lease.
 
+    A device that stands on another one, as a gripper on an arm's outputs, is opened after it. All stay open
+    until each has been asked.
+
     ``record``: a folder that gets every byte, also of the ``RECORDED_S`` that the devices then stay open.
     """
     # pymodbus dumps frames when something that is not Modbus answers; what is wrong is told by the report.
@@ -40,7 +43,8 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
             stack.enter_context(recorded_by(recorder))
             stay_s = RECORDED_S
         entries = supervised_devices(config, clock, Beats(clock))
-        probes = (_probe(entry.device, entry.expect, stay_s) for entry in entries)
+        order = _Order(config)
+        probes = (_probe(entry.device, entry.expect, stay_s, order) for entry in entries)
         found = list(await asyncio.gather(*probes))
     for report in found:
         if report["device"] == config.robot.roles().get("arm"):
@@ -59,20 +63,46 @@ def judge_limits(config: CellConfig, report: dict[str, Any]) -> None:
         _blame(report, exc)
 
 
-async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dict[str, Any]:
+class _Order:
+    """A device is opened after those that it stands on were asked; none that answers is closed before all
+    were."""
+
+    def __init__(self, config: CellConfig) -> None:
+        self._config = config
+        self._asked = {name: asyncio.Event() for name in config.device}
+
+    async def turn(self, name: str) -> None:
+        async with asyncio.timeout(OPEN_TIMEOUT_S):
+            for other in bound_to(self._config, name).values():
+                await self._asked[other].wait()
+
+    def asked(self, name: str) -> None:
+        """Also when it gave no answer."""
+        self._asked[name].set()
+
+    async def all_asked(self) -> None:
+        for asked in self._asked.values():
+            await asked.wait()
+
+
+async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float, order: _Order) -> dict[str, Any]:
     report: dict[str, Any] = {
         "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0, "doubts": [],
         "joint_speeds_rad_s": None, "joint_ranges_rad": None,
     }  # fmt: skip
     try:
         try:
+            await order.turn(device.name)
             async with asyncio.timeout(OPEN_TIMEOUT_S):
                 await device.open()
                 found = await device.identify()
                 if doubts := getattr(device, "doubts", None):
                     report["doubts"] = await doubts()
+            order.asked(device.name)
+            await order.all_asked()
             await asyncio.sleep(stay_s)
         finally:
+            order.asked(device.name)
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await device.close()
         report |= {"model": found.model, "serial": found.serial}
