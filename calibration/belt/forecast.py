@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,30 +51,47 @@ class Motion:
         """Which of ``t`` are inside the window of the fit, or later."""
         return np.asarray(self.fit.ok & (t >= self.now - self.fit.length))
 
+    def covers_at(self, t: float) -> bool:
+        """Whether one ``t`` is."""
+        return self.fit.ok and t >= self.now - self.fit.length
+
     def position(self, t: Array) -> Array:
         """Counts at ``t`` (k,)."""
         s = np.asarray(t, dtype=float) - self.now
         if isinstance(self.fit, Ripple):
             return self.fit.position(s)
-        c = self.fit.c
-        if len(c) == 2:
-            return np.asarray(c[0] + c[1] * s)
-        until = self._bends_for(self.fit)
+        c0, c1, c2, until, end = self._course
         x = np.minimum(s, until)
-        return np.asarray(c[0] + c[1] * x + c[2] * x * x + (s - x) * (c[1] + 2.0 * c[2] * until))
+        return np.asarray(c0 + x * (c1 + c2 * x) + (s - x) * end)
 
-    def speed(self, t: Array) -> Array:
-        """Counts per second at ``t`` (k,)."""
-        s = np.asarray(t, dtype=float) - self.now
+    def position_at(self, t: float) -> float:
+        """Counts at one ``t``, in plain numbers: they are asked for one by one all the time."""
+        s = t - self.now
         if isinstance(self.fit, Ripple):
-            return self.fit.speed(s)
-        c = self.fit.c
-        if len(c) == 2:
-            return np.full(len(s), c[1])
-        return np.asarray(c[1] + 2.0 * c[2] * np.minimum(s, self._bends_for(self.fit)))
+            return self.fit.position_at(s)
+        c0, c1, c2, until, end = self._course
+        x = min(s, until)
+        return c0 + x * (c1 + c2 * x) + (s - x) * end
+
+    def speed_at(self, t: float) -> float:
+        """Counts per second at ``t``."""
+        s = t - self.now
+        if isinstance(self.fit, Ripple):
+            return self.fit.speed_at(s)
+        _, c1, c2, until, _ = self._course
+        return c1 + 2.0 * c2 * min(s, until)
+
+    @cached_property
+    def _course(self) -> tuple[float, float, float, float, float]:
+        """Of a line or a parabola: its coefficients, until when it bends (s), and the speed from then on."""
+        c0, c1, *more = self.fit.c.tolist()
+        if isinstance(self.fit, Ripple) or not more:
+            return c0, c1, 0.0, np.inf, c1
+        until = self._bends_for(self.fit)
+        return c0, c1, more[0], until, c1 + 2.0 * more[0] * until
 
     def _bends_for(self, fit: Window) -> float:
-        _, v, half = fit.c
+        _, v, half = fit.c.tolist()
         bound = self.high if half > 0.0 else self.low
         if np.isinf(bound) and v * half > 0.0 and v * v < 4.0 * abs(half) * _TURNED:
             return float(max(-v / (2.0 * half), -fit.length - _HIDDEN))
@@ -149,7 +167,9 @@ class TravelForecast:
 
     def travel(self, t: float) -> float:
         """Travel since the first count, m."""
-        return float(self.travelled(np.array([t]))[0])
+        if t > self.now or self.motion.covers_at(t):
+            return self.motion.position_at(t) * self.m_per_count
+        return float(self._around(np.array([t]))[0][0]) * self.m_per_count
 
     def travelled(self, t: Array) -> Array:
         """Travel since the first count at any times (k,), m."""
@@ -165,17 +185,17 @@ class TravelForecast:
         """Travel at later times (k,), m."""
         return self.motion.position(t) * self.m_per_count
 
+    def travels_at(self, t: float) -> float:
+        """Travel at one later time, m."""
+        return self.motion.position_at(t) * self.m_per_count
+
     def speed(self, t: float) -> float:
         """Speed at ``t``, m/s; not meant for times before the fit's window."""
-        return float(self.motion.speed(np.array([t]))[0]) * self.m_per_count
-
-    def speeds(self, t: Array) -> Array:
-        """Speed at ``t`` (k,), m/s."""
-        return self.motion.speed(t) * self.m_per_count
+        return self.motion.speed_at(t) * self.m_per_count
 
     def sigma(self, a: float, b: float) -> float:
         """Standard deviation of the travel from ``a`` to ``b``, m."""
-        if a > self.now or self.motion.covers(np.array(a)):
+        if a > self.now or self.motion.covers_at(a):
             variance = self.motion.variance(a, b)
         else:
             variance = (
@@ -211,6 +231,6 @@ class TravelForecast:
             return None
         at = np.array([m.now + ahead for m in past])
         then, doubt = self._around(at)
-        predicted = np.array([float(m.position(at[k : k + 1])[0]) for k, m in enumerate(past)])
+        predicted = np.array([m.position_at(t) for m, t in zip(past, at.tolist(), strict=True)])
         off = np.maximum((predicted - then) ** 2 - doubt**2, 0.0)
         return float(np.sqrt(np.mean(off))) * abs(self.m_per_count)

@@ -76,9 +76,9 @@ class Ride:
 
     def at(self, t: float) -> PursuitState:
         forecast, way = self._forecast, self._way
-        before, now, after = forecast.speeds(np.maximum(np.array([t - _DT, t, t + _DT]), forecast.now))
+        before, now, after = (forecast.speed(max(at, forecast.now)) for at in (t - _DT, t, t + _DT))
         return PursuitState(
-            self._zero + float(forecast.travels(np.array([t]))[0]) * way,
+            self._zero + forecast.travels_at(t) * way,
             now * way,
             (after - before) / (2.0 * _DT) * way,
         )

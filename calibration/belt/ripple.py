@@ -5,6 +5,8 @@ are searched on a grid, one sinusoid after the other, then all parameters are re
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from math import cos, sin
 
 import numpy as np
 
@@ -62,14 +64,24 @@ class Ripple:
         """Counts at ``now + s``; s (k,)."""
         return np.asarray(_basis(s, self.f, self.order, 0.0) @ self.c)
 
-    def speed(self, s: Array) -> Array:
+    def position_at(self, s: float) -> float:
+        """Counts at ``now + s`` for one s."""
+        c, waves = self._plain
+        return sum(x * s**p for p, x in enumerate(c)) + sum(
+            a * cos(w * s) + b * sin(w * s) for a, b, w in waves
+        )
+
+    def speed_at(self, s: float) -> float:
         """Counts per second at ``now + s``."""
-        p = np.arange(1, self.order + 1)
-        out = (p * s[:, None] ** (p - 1)) @ self.c[1 : self.order + 1]
-        w = 2.0 * np.pi * self.f
-        a, b = self.c[self.order + 1 :: 2], self.c[self.order + 2 :: 2]
-        x = s[:, None] * w
-        return np.asarray(out + (np.cos(x) * (b * w) - np.sin(x) * (a * w)).sum(axis=1))
+        c, waves = self._plain
+        out = sum(p * x * s ** (p - 1) for p, x in enumerate(c) if p)
+        return out + sum(w * (b * cos(w * s) - a * sin(w * s)) for a, b, w in waves)
+
+    @cached_property
+    def _plain(self) -> tuple[list[float], list[tuple[float, float, float]]]:
+        """The polynomial, and a, b and 2 pi f of each sinusoid."""
+        c, n = self.c.tolist(), self.order + 1
+        return c[:n], list(zip(c[n::2], c[n + 1 :: 2], (2.0 * np.pi * self.f).tolist(), strict=True))
 
     def gradient(self, s: Array) -> Array:
         """Derivative of the position by (c, f), shape (k, parameters)."""
@@ -78,7 +90,7 @@ class Ripple:
 
 def _basis(s: Array, f: Array, order: int, width: float) -> Array:
     x = 2.0 * np.pi * s[:, None] * f
-    damp = np.sinc(f * width)  # a mean over ``width`` sees that much of a sinusoid
+    damp = _seen(f, width)
     out = np.empty((len(s), order + 1 + 2 * len(f)))
     out[:, 0] = 1.0
     for p in range(1, order + 1):
@@ -86,6 +98,12 @@ def _basis(s: Array, f: Array, order: int, width: float) -> Array:
     np.multiply(np.cos(x), damp, out=out[:, order + 1 :: 2])
     np.multiply(np.sin(x), damp, out=out[:, order + 2 :: 2])
     return out
+
+
+def _seen(f: Array, width: float) -> Array:
+    """How much of sinusoids (k,) in Hz a mean over ``width`` s sees."""
+    x = np.pi * f * width
+    return np.asarray(np.sin(x) / x) if width > 0.0 else np.ones(len(f))
 
 
 def _with_frequencies(basis: Array, s: Array, order: int, c: Array) -> Array:

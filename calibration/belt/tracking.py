@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -69,16 +70,31 @@ class ItemTrack:
         """The horizontal part of the belt's direction (2,)."""
         return self.direction[:2]
 
-    @property
+    @cached_property
     def unit(self) -> Array:
         """The belt's direction seen from above (2,), a unit vector."""
         return np.asarray(self.flat / np.linalg.norm(self.flat))
 
+    @cached_property
+    def _origin(self) -> Array:
+        """Position (2,) in base at zero travel."""
+        u = self.unit
+        return np.asarray(self.place.along * u + self.place.across * np.array([-u[1], u[0]]))
+
+    @cached_property
+    def _level(self) -> float:
+        """Height in base at zero travel."""
+        return self.height - float(self.direction[2]) * self.forecast.travel(self.place.at)
+
+    @cached_property
+    def _along(self) -> tuple[float, float]:
+        """``dot(p, dir)`` at zero travel, and what it gains for each metre of travel."""
+        rise = float(self.direction[2])
+        return float(self._origin @ self.flat) + rise * self._level, float(self.direction @ self.direction)
+
     def xy(self, t: Array) -> Array:
         """Position (k, 2) in base (m) at ``t`` (k,), now or later."""
-        u = self.unit
-        origin = self.place.along * u + self.place.across * np.array([-u[1], u[0]])
-        return np.asarray(origin + self.forecast.travels(t)[:, None] * self.flat)
+        return np.asarray(self._origin + self.forecast.travels(t)[:, None] * self.flat)
 
     def was_at(self, t: float) -> Array:
         """Position (2,) in base (m) at ``t``, also before the newest count."""
@@ -88,12 +104,17 @@ class ItemTrack:
 
     def z(self, t: Array) -> Array:
         """Height (k,) in base (m) at ``t`` (k,): a belt may climb."""
-        moved = self.forecast.travels(t) - self.forecast.travel(self.place.at)
-        return np.asarray(self.height + self.direction[2] * moved)
+        return np.asarray(self._level + self.direction[2] * self.forecast.travels(t))
 
     def along(self, t: Array) -> Array:
         """``dot(p, dir)`` (k,), where zones are given, m."""
-        return np.asarray(self.xy(t) @ self.flat + self.direction[2] * self.z(t))
+        at_zero, each = self._along
+        return np.asarray(at_zero + each * self.forecast.travels(t))
+
+    def along_at(self, t: float) -> float:
+        """:meth:`along` at one ``t``."""
+        at_zero, each = self._along
+        return at_zero + each * self.forecast.travels_at(t)
 
     def residuals(self) -> Array:
         """Each sighting about the item's place (k, 2), along and across, m."""

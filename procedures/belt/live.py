@@ -43,7 +43,7 @@ class BeltLive:
             watch.record.believes(row)
         if t - self._items_at >= ITEMS_EACH_S:
             self._items_at = t
-            ahead = float(forecast.travels(np.array([t + AHEAD_S]))[0]) - travel
+            ahead = forecast.travels_at(t + AHEAD_S) - travel
             for item in watch.queue.waiting(1)[:MOST_ITEMS]:
                 along = watch.along_zone(item)
                 self._items.add(t, item.number, along, item.across, along + ahead)

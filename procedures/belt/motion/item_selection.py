@@ -69,16 +69,16 @@ class ItemSelection:
     def can_be_met(self, track: ItemTrack, arrival: float) -> bool:
         """Whether the item is still in the zone when a contact is over that follows an ``arrival`` above."""
         end = arrival + self._descent_s + max(self._config.dwell_s, self._gripper_times.expected_s)
-        return _along(track, end) <= self._config.zone.max_m
+        return track.along_at(end) <= self._config.zone.max_m
 
     def has_come_in(self, track: ItemTrack, contact: float) -> bool:
         """Whether a ``contact`` is beyond the zone's first edge, also when the belt slows down before it."""
-        return _along(track, contact) >= self._config.zone.min_m + EDGE_M
+        return track.along_at(contact) >= self._config.zone.min_m + EDGE_M
 
     def inside(self, track: ItemTrack, begin: float, end: float) -> bool:
         """Whether the item is between the zone's edges from ``begin`` to ``end``."""
-        zone, along = self._config.zone, track.along(np.array([begin, end]))
-        return bool(zone.min_m <= along.min() and along.max() <= zone.max_m)
+        zone = self._config.zone
+        return all(zone.min_m <= track.along_at(t) <= zone.max_m for t in (begin, end))
 
     def holds(self, point: Array) -> bool:
         """Whether a ``point`` (3,) m is between the zone's edges."""
@@ -93,7 +93,7 @@ class ItemSelection:
         speed, left_over = self._watch.speed(), CHOICES
         for item in self._watch.queue.waiting(self._config.min_sightings):
             track = self._watch.track(item)
-            if track is None or (left := self._config.zone.min_m - _along(track, t)) <= 0.0:
+            if track is None or (left := self._config.zone.min_m - track.along_at(t)) <= 0.0:
                 continue
             if speed < self._config.standing_m_s or left / speed > COMING_S or not left_over:
                 return
@@ -101,7 +101,3 @@ class ItemSelection:
             at = np.array([t])
             here = np.array([*track.xy(at)[0], track.z(at)[0]])
             yield item, FixedPoint(np.array([*here + left * track.direction, self.yaw(item)]))
-
-
-def _along(track: ItemTrack, t: float) -> float:
-    return float(track.along(np.array([t]))[0])

@@ -191,7 +191,7 @@ def _held_out(loaded: InterceptSet, solved: Solved) -> ForecastHeldOut:
         for h in a.query.horizons if a.track is not None else ():
             seen = belt.travel_at(a.query.t + h)
             if seen is not None and a.track is not None:
-                predicted = float(a.track.forecast.travels(np.array([a.query.t + h]))[0])
+                predicted = a.track.forecast.travels_at(a.query.t + h)
                 travel.setdefault(float(h), []).append(predicted - seen)
     sightings = [float(np.linalg.norm(d)) for d in _later_sightings(loaded, solved)]
     return ForecastHeldOut(

@@ -259,3 +259,21 @@ def test_who_keeps_up_decides_the_same_and_makes_no_past_forecast_then() -> None
     assert now.sigma(now.now - 0.1, now.now + 0.5) == then.sigma(then.now - 0.1, then.now + 0.5)
     assert len(subject.estimator._motions) == made
     assert len(late.estimator._motions) >= 20, "which all had to be made at that moment"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("constant", "line"), ("ripple", "ripple"), ("stop-start", "bend")]
+)
+def test_a_single_time_is_answered_as_one_of_many(kind: str, name: str) -> None:
+    belt, motions = Belt(kind, 8), []
+    for t in np.arange(4.0, 9.0, 0.5):
+        belt.until(t)
+        forecast = belt.estimator.forecast()
+        assert forecast is not None
+        motions.append(forecast.motion)
+    motion = next(m for m in motions if m.name == name)
+    times = motion.now + np.linspace(-0.05, 1.0, 22)
+    positions = motion.position(times)
+    assert [motion.position_at(t) for t in times.tolist()] == pytest.approx(positions, rel=1e-12)
+    slopes = (motion.position(times + 1e-5) - motion.position(times - 1e-5)) / 2e-5
+    assert [motion.speed_at(t) for t in times.tolist()] == pytest.approx(slopes, abs=1e-3 * abs(slopes).max())
