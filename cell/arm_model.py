@@ -67,6 +67,10 @@ class ArmModel(Protocol):
         """``T_base_flange`` (n) for ``Q`` (n, 6)."""
         ...
 
+    def flange_many(self, Q: Array) -> Array:
+        """(n, 4, 4): the matrices of :meth:`forward_many`, not to be written to."""
+        ...
+
     def link_ends(self, Q: Array) -> Array:
         """(n, m, 2, 3): both ends of every capsule for ``Q`` (n, 6)."""
         ...

@@ -20,6 +20,7 @@ from calibration.kinematics.joint_errors import JointErrors
 from cell.poses import Array
 
 _UNIT = np.eye(4)
+_LOWER, _UPPER = [7, 2, 3], [5, 6, 1]  # of a rotation's elements, those that the axis comes from
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,19 +178,18 @@ def pose_gap(goal: Array, reached: Array) -> Array:
     The rotation vector is exact up to a half turn, where its axis comes from the symmetric part.
     """
     out = np.empty((len(reached), 6))
-    out[:, :3] = goal[:, :3, 3] - reached[:, :3, 3]
-    R = goal[:, :3, :3] @ reached[:, :3, :3].swapaxes(1, 2)
-    sine = out[:, 3:]
-    sine[:, 0] = 0.5 * (R[:, 2, 1] - R[:, 1, 2])
-    sine[:, 1] = 0.5 * (R[:, 0, 2] - R[:, 2, 0])
-    sine[:, 2] = 0.5 * (R[:, 1, 0] - R[:, 0, 1])
+    np.subtract(goal[:, :3, 3], reached[:, :3, 3], out=out[:, :3])
+    R = np.matmul(goal[:, :3, :3], reached[:, :3, :3].swapaxes(1, 2))
+    elements = R.reshape(-1, 9)
+    sine = 0.5 * (elements[:, _LOWER] - elements[:, _UPPER])
     size = np.sqrt(np.einsum("ni,ni->n", sine, sine))
-    cosine = 0.5 * (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0)
+    cosine = 0.5 * (np.einsum("nii->n", R) - 1.0)
     angle = np.arctan2(size, cosine)
-    half_turns = np.flatnonzero((size <= 1e-6) & (cosine < 0.0))
-    sine *= np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)[:, None]
-    for k in half_turns:
-        out[k, 3:] = angle[k] * _half_turn_axis(R[k])
+    np.multiply(sine, (angle / np.maximum(size, 1e-300))[:, None], out=out[:, 3:])
+    if size.min(initial=1.0) <= 1e-6:
+        out[size <= 1e-12, 3:] = sine[size <= 1e-12]
+        for k in np.flatnonzero((size <= 1e-6) & (cosine < 0.0)):
+            out[k, 3:] = angle[k] * _half_turn_axis(R[k])
     return out
 
 

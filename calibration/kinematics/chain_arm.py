@@ -90,7 +90,11 @@ class ChainArm(ABC):
         return RigidTransform(self._chain.frames(rows(q))[0, -1], normalize=False)
 
     def forward_many(self, Q: Array) -> RigidTransform:
-        return RigidTransform(self._frames(self._chain, rows(Q))[:, -1], normalize=False)
+        return RigidTransform(self.flange_many(Q), normalize=False)
+
+    def flange_many(self, Q: Array) -> Array:
+        flange: Array = self._frames(self._chain, rows(Q))[:, -1]
+        return flange
 
     def jacobian(self, q: Array) -> Array:
         J: Array = self.jacobian_many(rows(q))[0]

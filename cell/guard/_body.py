@@ -28,8 +28,7 @@ class Body:
 
     def flange(self, Q: Array) -> Array:
         """(n, 4, 4): ``T_base_flange`` for joints ``Q`` (n, 6)."""
-        out: Array = self._model.forward_many(Q).as_matrix().reshape(-1, 4, 4)
-        return out
+        return self._model.flange_many(Q)
 
     def ends(self, Q: Array, flange: Array | None = None) -> Array:
         """(n, m, 2, 3): both ends of each capsule in the base; ``flange`` (n, 4, 4) if it is known."""

@@ -1,6 +1,7 @@
 """The tool's present way, as fast as the limits of tool and joints let, and the set-points along it."""
 
 from collections.abc import Callable, Sequence
+from math import hypot
 
 import numpy as np
 
@@ -12,11 +13,18 @@ from cell.joint_limits import per_joint
 from cell.poses import Array
 from procedures.belt.config import JobLimits
 from procedures.belt.motion.blend import Blend
-from procedures.belt.motion.tool_joints import ToolJoints, fastest_on_piece, looks_along
+from procedures.belt.motion.tool_joints import (
+    ToolJoints,
+    fastest_on_piece,
+    joints_on_piece,
+    looks_along,
+    on_piece,
+)
 
 STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
+HALVES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # the nodes and between them
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
@@ -58,6 +66,7 @@ class ToolPath:
         self._leg = plan(0.0, at, FixedPoint(at.p), np.zeros(4), self._limits)
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
+        self._latest: TrajectoryPiece | None = None
 
     @property
     def t1(self) -> float:
@@ -79,7 +88,7 @@ class ToolPath:
 
     def start(self, t: float, q: Array, place: FixedPoint) -> None:
         """From rest at joints ``q`` (6,)."""
-        self._q, self._share = q, 1.0
+        self._q, self._share, self._latest = q, 1.0, None
         self._leg = plan(t, self._tool.state(q), place, np.zeros(4), self._limits)
 
     def begin(self, t: float, origin: Origin, offset: Array) -> None:
@@ -145,17 +154,34 @@ class ToolPath:
         """The next piece from ``here`` on, joints and joint speeds (6,) at ``t``; a way that gets too fast
         for joints or tool is slowed down."""
         self._q = here[0]
-        limits = self._job
+        guesses = self._guesses(t, here)
         for _ in range(4):
-            ahead = [self._leg.at(t + k * AHEAD_S) for k in NODES]
-            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1])
+            halves = [self._leg.at(t + k * AHEAD_S) for k in HALVES]
+            ahead = halves[1::2]
+            Q, Qd = self._tool.line(ahead, guesses)
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
-            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)]
-            slow = max(float(np.linalg.norm(v)) for v in ways) <= TOOL_SHARE * limits.speed_m_s
+            fastest = max(hypot(*state.v[:3].tolist()) for state in halves)
+            slow = fastest <= TOOL_SHARE * self._job.speed_m_s
             fine = slow and bool(np.all(fastest_on_piece(piece) <= BRAKE_SHARE * self._joint_speeds))
             if fine or self._share <= LEAST_SHARE:
                 break
             self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
+        self._latest = piece
         return piece
+
+    def _guesses(self, t: float, here: tuple[Array, Array]) -> Array:
+        """About where the joints are at the next piece's nodes (n, 6): a plan seldom changes by much, so that
+        is where the piece before goes, and on from its end as fast as there."""
+        latest = self._latest
+        if latest is None or t > latest.t1:
+            return here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1]
+        end, speed = on_piece(latest, latest.t1)
+        times = [t + k * AHEAD_S for k in NODES]
+        return np.array(
+            [
+                joints_on_piece(latest, at) if at < latest.t1 else end + (at - latest.t1) * speed
+                for at in times
+            ]
+        )

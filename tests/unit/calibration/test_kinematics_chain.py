@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.kinematics.chain import pose_gap
-from calibration.kinematics.inverse import distinct, nearest_turns
+from calibration.kinematics.chain import SerialChain, pose_gap
+from calibration.kinematics.inverse import TOLERANCE, converge, distinct, nearest_turns
+from calibration.kinematics.ur import UrArmModel
 from cell.poses import Array
 
 LIMITS = np.array([[-2, 2], [-2, 2], [-1, 1], [-2, 2], [-2, 2], [-2, 2]]) * np.pi
@@ -48,3 +49,23 @@ def test_an_angle_without_a_turn_in_its_limits_has_no_solution() -> None:
 def test_solutions_that_differ_by_turns_are_one(shift: float, count: int) -> None:
     q = np.array([0.1, -1.2, 1.3, -0.4, 3.14159, -3.14159])
     assert len(distinct([q, q + shift * np.eye(6)[0]])) == count
+
+
+@pytest.mark.parametrize(("off_rad", "looks"), [(0.02, 3), (1e-4, 2), (1e-7, 1)])
+def test_a_last_step_that_is_known_to_reach_the_goal_is_not_looked_at(
+    off_rad: float, looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chain = UrArmModel("ur10e").chain
+    Q = np.array([0.1, -1.6, 1.5, -1.4, -1.5, 0.2]) + np.linspace(0.0, 0.2, 3)[:, None]
+    goals, seen = chain.flange(Q), list[int]()
+    frames = SerialChain.frames
+
+    def watched(chain: SerialChain, Q: Array) -> Array:
+        seen.append(len(Q))
+        return frames(chain, Q)
+
+    monkeypatch.setattr(SerialChain, "frames", watched)
+    found, reached = converge(chain, goals, Q + off_rad * np.cos(np.arange(6.0)))
+    assert len(seen) <= looks
+    assert reached.all()
+    assert np.abs(pose_gap(goals, chain.flange(found))).max() < TOLERANCE

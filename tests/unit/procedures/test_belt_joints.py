@@ -1,5 +1,8 @@
 """From the tool's motion to joints: against the arm's own forward kinematics."""
 
+from collections.abc import Sequence
+from typing import cast
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -7,9 +10,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.belt.pursuit import FixedPoint, PursuitLimits, PursuitState, plan
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
+from cell.guard import MotionGuard
+from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import BESIDE_M, blend_for
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
+from procedures.belt.motion.tool_path import ToolPath
+from tests.kit.motion_bench import OpenGuard
 
 MODEL = robot_from_spec({"model": "ur10e"})
 T_FLANGE_TOOL = RigidTransform.from_components([0.02, -0.01, 0.18], Rotation.from_rotvec([0.0, 0.0, 0.2]))
@@ -95,3 +102,26 @@ def test_the_sources_moves_begin_and_end_at_rest_unless_told_otherwise() -> None
     assert blend_for(classic, LIMITS).clear_m == classic.above_m
     told = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic", "straight_m": 0.02})
     assert blend_for(told, LIMITS).lead_s > 0.1
+
+
+def test_a_piece_is_looked_for_where_the_piece_before_goes(
+    subject: ToolJoints, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = BeltTrackingConfig.model_validate(CONFIG)
+    path = ToolPath(subject, config.limits, cast(MotionGuard, OpenGuard()), subject.state(WAIT))
+    path.start(0.0, WAIT, FixedPoint(subject.state(WAIT).p))
+    path.go(0.0, FixedPoint(subject.state(WAIT).p + np.array([0.2, 0.3, -0.05, 0.5])), np.zeros(4))
+    off: list[float] = []
+    line = subject.line
+
+    def watched(states: Sequence[PursuitState], near: Array) -> tuple[Array, Array]:
+        Q, Qd = line(states, near)
+        off.append(float(np.abs(Q - near).max()))
+        return Q, Qd
+
+    monkeypatch.setattr(subject, "line", watched)
+    here = WAIT, np.zeros(6)
+    for t in np.arange(0.0, 0.2, 0.02).tolist():
+        here = on_piece(path.piece(t, here), t + 0.02)
+    assert off[0] > 0.01  # from rest nothing is known yet
+    assert max(off[1:]) < 0.005
