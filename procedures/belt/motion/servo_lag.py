@@ -9,7 +9,7 @@ sending ``y + tau y'`` for ``y``, its delay by sending that early.
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby
 from math import ceil
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from cell.devices import TrajectoryPiece
 from cell.following import MOST_LAG_S
 from cell.poses import Array
-from procedures.belt.motion.tool_joints import joints_on_piece
+from procedures.belt.motion.tool_joints import along_piece, joints_on_piece
 
 _SHARES: Array = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of the lag that is low-pass
 _GAIN = 0.05  # of what one look shows
@@ -37,7 +37,8 @@ class Lag:
         self._best = 0
         self._wanted: deque[TrajectoryPiece] = deque()
         self._sent: deque[TrajectoryPiece] = deque()
-        self._line: deque[tuple[float, Array]] = deque()  # set-points as they were in force
+        # Set-points as they were in force: when (m,), and the joints (m, 6).
+        self._line: tuple[Array, Array] = np.empty(0), np.empty((0, 6))
         self._at: Array = np.zeros((len(_SHARES), 6))  # where each answer has the arm
 
     @property
@@ -54,7 +55,7 @@ class Lag:
         """The arm rests at ``q`` (6,) at ``t``."""
         self._wanted.clear()
         self._sent.clear()
-        self._line = deque([(t, q)])
+        self._line = np.array([t]), np.array([q])
         self._at[:] = q
 
     def ahead(self, piece: TrajectoryPiece, allowed: Callable[[TrajectoryPiece], bool]) -> TrajectoryPiece:
@@ -75,7 +76,7 @@ class Lag:
 
     def look(self, t: float, q: Array) -> Array | None:
         """The arm's joints ``q`` (6,) at ``t``; returns where they were wanted then, if that is known."""
-        if self._sent and self._line and t > self._line[-1][0]:
+        if self._sent and len(self._line[0]) and t > self._line[0][-1]:
             self._learn(t, q)
         piece = next((p for p in reversed(self._wanted) if p.t0 <= t <= p.t1), None)
         return None if piece is None else joints_on_piece(piece, t)
@@ -95,27 +96,35 @@ class Lag:
 
     def _advance(self, t: float) -> Array:
         """Every answer on to ``t``; returns how fast each has the joints turn, (n, 6) rad/s."""
-        begun = self._line[-1][0]
+        stamps, joints = self._line
+        begun = float(stamps[-1])
         steps = max(ceil((t - begun) / _STEP_S), 1)
-        times = begun + (t - begun) / steps * np.arange(1, steps + 1)
-        for at in times.tolist():
-            piece = next((p for p in reversed(self._sent) if p.t0 <= at), None)
-            q = self._line[-1][1] if piece is None else joints_on_piece(piece, at)
-            self._line.append((at, q))
-        while len(self._line) > 2 and self._line[1][0] < begun - MOST_LAG_S - _STEP_S:
-            self._line.popleft()
-        stamps = np.array([at for at, _ in self._line])
-        joints = np.array([at for _, at in self._line])
-        tau = np.maximum(_SHARES * self._lags, 1e-6)[:, None]
         step = (t - begun) / steps
+        times = begun + step * np.arange(1, steps + 1)
+        sent = [self._sent_along(piece, list(some)) for piece, some in groupby(times.tolist(), self._sent_at)]
+        first = max(int(np.searchsorted(stamps, begun - MOST_LAG_S - _STEP_S)) - 1, 0)
+        stamps = np.concatenate([stamps[first:], times])
+        joints = np.concatenate([joints[first:], *sent])
+        self._line = stamps, joints
+        tau = np.maximum(_SHARES * self._lags, 1e-6)[:, None]
         kept = np.exp(-step / tau)
         whens = np.array([begun, *times])[:, None] - (1.0 - _SHARES) * self._lags
         seen, before = _between(stamps, joints, whens.ravel()).reshape(*whens.shape, 6), self._at
-        for last, now in pairwise(seen):
+        behind = tau * np.diff(seen, axis=0) / step  # of what is sent on a steady way
+        for goes_to in seen[1:] - behind - kept * (seen[:-1] - behind):
             before = self._at
-            behind = tau * (now - last) / step  # of what is sent on a steady way
-            self._at = now - behind + kept * (self._at - last + behind)
+            self._at = goes_to + kept * before
         return np.asarray((self._at - before) / step)
+
+    def _sent_along(self, piece: TrajectoryPiece | None, times: list[float]) -> Array:
+        """(n, 6) joints of ``piece`` at ``times`` (n,); without one, the arm stays."""
+        if piece is None:
+            return np.repeat(self._line[1][-1:], len(times), axis=0)
+        return along_piece(piece, np.array(times))
+
+    def _sent_at(self, t: float) -> TrajectoryPiece | None:
+        """The piece that is in force at ``t``."""
+        return next((p for p in reversed(self._sent) if p.t0 <= t), None)
 
 
 def _early(piece: TrajectoryPiece, tau: float, early_s: float) -> TrajectoryPiece:

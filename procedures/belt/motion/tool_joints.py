@@ -118,7 +118,14 @@ def on_piece(piece: TrajectoryPiece, t: float) -> tuple[Array, Array]:
 
 def joints_on_piece(piece: TrajectoryPiece, t: float) -> Array:
     """The joints (6,) of :func:`on_piece` alone."""
-    out: Array = (min(t, piece.t1) - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
+    out: Array = along_piece(piece, np.array([t]))[0]
+    return out
+
+
+def along_piece(piece: TrajectoryPiece, times: Array) -> Array:
+    """The joints (n, 6) of ``piece`` at ``times`` (n,); past its end, where it ends."""
+    s = np.minimum(times, piece.t1) - piece.t0
+    out: Array = s[:, None] ** np.arange(len(piece.coefficients)) @ piece.coefficients
     return out
 
 
