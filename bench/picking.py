@@ -11,7 +11,8 @@ The world is the ideal one; ``bench.picking_worlds`` has the real one beside it.
 
 Error is the horizontal distance of the tool's true point and the item's true grasp point at first contact,
 RMS over all contacts. ``again`` are closings that took nothing: an item that is followed is tried twice. An
-item counts as detected when it was known before it left the zone.
+item counts as detected when it was known before it left the zone. ``load %`` is the processor's time of the
+whole cell, daemon and twin, over the time that passed in it.
 """
 
 import argparse
@@ -50,6 +51,8 @@ class Tally:
     """What came of the runs of one method on one belt."""
 
     seconds: float = 0.0
+    cell_s: float = 0.0  # from the cell's start to its end, and the processor's time for that
+    processor_s: float = 0.0
     picks: int = 0
     failed: int = 0
     missed: int = 0
@@ -75,6 +78,10 @@ class Tally:
     @property
     def detected(self) -> float:
         return 1.0 - self.unseen / max(self.passed, 1)
+
+    @property
+    def load(self) -> float:
+        return 100.0 * self.processor_s / max(self.cell_s, 1e-9)
 
     @property
     def discards(self) -> float:
@@ -106,6 +113,7 @@ def world(belt: str, seed: int, items_per_s: float, lenient: bool) -> dict[str, 
 async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, str], seconds: float) -> None:
     """Pick for so long and add what came of it."""
     async with picking_cell(picking_config(folder, {**JOB, **job}, lines)) as cell:
+        begun = cell.clock.now()
         run_id = await cell.start()
         await cell.clock.sleep(WARM_UP_S)
         truth = expect(Gripper, cell.plant.world.gripper)
@@ -121,6 +129,7 @@ async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, 
         if end["outcome"] != "complete":
             tally.ends.append(end["error"]["name"] if end["error"] else end["outcome"])
         outcomes = [row["outcome"] for row in rows]
+        tally.cell_s += cell.clock.now() - begun
         tally.picks += outcomes.count("picked")
         tally.failed += outcomes.count("grip failed") + outcomes.count("lost")
         tally.unseen += outcomes.count("not detected")
@@ -134,9 +143,11 @@ async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, 
 
 def tallied(belt: str, job: dict[str, Any], runs: int, seconds: float, rate: float, lenient: bool) -> Tally:
     tally = Tally()
+    begun = time.process_time()
     for seed in range(runs):
         with tempfile.TemporaryDirectory() as folder:
             run_virtual(run(tally, Path(folder), job, world(belt, 100 + seed, rate, lenient), seconds))
+    tally.processor_s = time.process_time() - begun
     return tally
 
 
@@ -145,7 +156,7 @@ def line(title: str, tally: Tally) -> str:
     ends = f"  {', '.join(tally.ends)}" if tally.ends else ""
     return (
         f"{title:34s}{tally.per_minute:9.1f}{1e3 * tally.error_m:9.3f}{len(tally.off):7d}"
-        f"{shares}{tally.again:7d}{tally.double:8d}{ends}"
+        f"{shares}{tally.again:7d}{tally.double:8d}{tally.load:8.0f}{ends}"
     )
 
 
@@ -162,7 +173,7 @@ def main() -> int:
     print(f"{runs} runs of {options.seconds:g} s each")
     print(
         f"{'':34s}{'picks/min':>9s}{'error mm':>9s}{'n':>7s}{'seen %':>8s}{'success %':>9s}"
-        f"{'missed %':>10s}{'again':>7s}{'double':>8s}"
+        f"{'missed %':>10s}{'again':>7s}{'double':>8s}{'load %':>8s}"
     )
     good = True
     for belt in options.belt or BELTS:
