@@ -8,7 +8,7 @@ explain the counts.
 
 import numpy as np
 
-from calibration.belt.fit import Judge, Tail, Window
+from calibration.belt.fit import Judge, Window, line_and_bend
 from cell.poses import Array
 
 _BEFORE = (6, 10, 16, 24)  # newest frames left out to see the motion before
@@ -32,8 +32,7 @@ def kinked(s: Array, n: Array, judge: Judge, m_per_count: float) -> Window | Non
         if len(s) < late + 24:
             return None
         old = slice(0, len(s) - late)
-        tail = Tail(s[old], n[old], judge)
-        line, bend = tail.longest(1), tail.longest(2)
+        line, bend = line_and_bend(s[old], n[old], judge)
         before = bend if bend.length > 1.6 * line.length else line
         begins = before.length + s[old.stop - 1]
         if before.ok and -s[old.stop - 1] + begins > _KNOWN:

@@ -118,7 +118,7 @@ def true_times(t: Array, slots: NDArray[np.int64], n: Array) -> Timed:
     if period <= 0.0:  # most of them came at once, to a PC that had stood still
         return Timed(t, _QUANTUM, None)
     off = t - line
-    if np.mean(np.abs(off) > _RHYTHM * period) > _MOST_LATE or _steps(off, period):
+    if np.count_nonzero(np.abs(off) > _RHYTHM * period) > _MOST_LATE * len(t) or _steps(off, period):
         _, sigma = _share(slots, n, off, period, given=1.0)
         return Timed(t, sigma, None)
     share, sigma = _share(slots, n, off, period)
@@ -140,12 +140,13 @@ def _rhythm(t: Array, slots: NDArray[np.int64]) -> tuple[Array, float]:
     use[first] = True
     fit, rate = np.zeros(len(t)), 0.0
     for turn in range(4):
-        rate, at = _line(x[use], y[use])
+        some = slice(None) if use.all() else use
+        rate, at = _line(x[some], y[some])
         fit = rate * x + at
         off = y - fit
-        centre = _median(off[use])
+        centre = _median(off[some])
         apart = np.abs(off - centre)
-        near = 4.0 * 1.4826 * _median(apart[use]) + 1e-6
+        near = 4.0 * 1.4826 * _median(apart[some]) + 1e-6
         if turn == 0:  # from the envelope's line to all that are near it
             near = max(near, 0.5 * _RHYTHM * rate)
         again = apart <= near

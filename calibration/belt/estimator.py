@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.belt.change_point import kinked
 from calibration.belt.clock import FrameCounter, Timed, strays, true_times
-from calibration.belt.fit import Judge, Tail, Window, newest_strays
+from calibration.belt.fit import Judge, Window, line_and_bend, newest_strays
 from calibration.belt.forecast import NEVER, Motion, TravelForecast
 from calibration.belt.history import History
 from calibration.belt.ripple import Ripple, blocks, refine, search
@@ -160,11 +160,11 @@ class BeltEstimator:
         good = ~strays(s, n, timed.sigma)
         s, n = s[good], n[good]
         judge = Judge(timed.sigma, self.encoder.period)
-        line, bend = _line_and_bend(s, n, judge)
+        line, bend = line_and_bend(s, n, judge)
         if max(line.length, bend.length) < _SHORT:
             good = ~newest_strays(s, n, judge)
             s, n = s[good], n[good]
-            line, bend = _line_and_bend(s, n, judge)
+            line, bend = line_and_bend(s, n, judge)
         window = bend if bend.ok and (bend.length > _BEND_WORTH * line.length or not line.ok) else line
         if window.length < _CHANGED:
             window = kinked(s, n, judge, self.encoder.m_per_count) or window
@@ -239,8 +239,3 @@ class BeltEstimator:
         """The window before frame ``end``, while ``first`` is the oldest that is kept."""
         del first
         return self._view(end)
-
-
-def _line_and_bend(s: Array, n: Array, judge: Judge) -> tuple[Window, Window]:
-    tail = Tail(s, n, judge)
-    return tail.longest(1), tail.longest(2)

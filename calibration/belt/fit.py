@@ -222,6 +222,13 @@ def _solved(
     return (c0, c1 / length, c2 / length**2), rows
 
 
+def line_and_bend(s: Array, n: Array, judge: Judge) -> tuple[Window, Window]:
+    """The longest line and the longest parabola; a line through all frames is both."""
+    tail = Tail(s, n, judge)
+    line = tail.longest(1)
+    return line, line if line.ok and line.frames == len(s) else tail.longest(2)
+
+
 def newest_strays(s: Array, n: Array, judge: Judge) -> NDArray[np.bool_]:
     """Which of the newest counts lie apart from the motion before them, though others beside them do not.
 
@@ -232,8 +239,7 @@ def newest_strays(s: Array, n: Array, judge: Judge) -> NDArray[np.bool_]:
     old = len(s) - _NEWEST
     if old < 3 * _NEWEST:
         return found
-    tail = Tail(s[:old], n[:old], judge)
-    before = max((tail.longest(order) for order in (1, 2)), key=lambda w: w.length)
+    before = max(line_and_bend(s[:old], n[:old], judge), key=lambda w: w.length)
     if not before.ok or before.frames < 3 * _NEWEST:
         return found
     off = np.abs(n[old:] - np.stack([s[old:] ** p for p in range(len(before.c))], axis=1) @ before.c)

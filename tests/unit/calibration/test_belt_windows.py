@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.belt.clock import strays
-from calibration.belt.fit import Judge, Tail
+from calibration.belt.fit import Judge, Tail, line_and_bend
 
 JUDGE = Judge(0.35, 0.005)
 
@@ -33,6 +33,14 @@ def test_a_window_ends_where_the_belt_changed_its_speed() -> None:
     window = Tail(s, n, JUDGE).longest(1)
     assert 0.25 < window.length <= 0.55
     assert window.c[1] == pytest.approx(1503.7, rel=1e-3)
+
+
+def test_a_parabola_is_looked_for_only_where_no_line_goes_through_all_frames() -> None:
+    line, bend = line_and_bend(*counts(400, 0.0), JUDGE)
+    assert line is bend
+    line, bend = line_and_bend(*counts(400, 300.0), JUDGE)
+    assert bend.order == 2
+    assert bend.length > 1.6 * line.length
 
 
 def test_frames_with_one_stamp_tell_a_place_and_no_speed() -> None:
