@@ -44,6 +44,7 @@ class PlcFace:
 
     def __init__(self, config: CellConfig, engine: Engine) -> None:
         self._config, self._engine = config, engine
+        self._checksum = config.checksum  # of the whole configuration: too long for every poll
         self._supervisor, self._clock = engine.context.supervisor, engine.context.clock
         self._started = self._clock.now()
         self._acknowledged_run: int | None = None
@@ -140,7 +141,7 @@ class PlcFace:
             "error_code": engine.error.code if engine.error else 0,
             "warning_bits": warning_bits(WarningContext(status, last, engine.figures)),
             "protocol_version": PROTOCOL_VERSION,
-            "config_checksum": self._config.checksum,
+            "config_checksum": self._checksum,
             "run_id": status["run_id"] or (last["run_id"] if last else 0),
             "step": status["step"],
             "steps": status["steps"],

@@ -20,7 +20,8 @@ async def cut_short(cell: ObjectCell, after_poses: int) -> int:
     run_id = await cell.start()
 
     def enough() -> bool:
-        return len(cell.notes(run_id, "pose taken")) >= after_poses
+        journal = cell.folder(run_id).path / "journal.jsonl"
+        return journal.exists() and journal.read_text("utf-8").count('"pose taken"') >= after_poses
 
     while not enough():
         await cell.answer()

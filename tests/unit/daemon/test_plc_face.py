@@ -109,6 +109,18 @@ def test_a_plc_runs_a_whole_job_and_reads_what_came_of_it(tmp_path: Path) -> Non
     on_a_panel(write_config(tmp_path, job={"placements": 2}), script)
 
 
+def test_the_whole_configuration_is_not_gone_through_for_every_poll(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        told = cell.config.checksum
+        monkeypatch.setattr(CellConfig, "part_of_a_run", lambda config: pytest.fail("made again"))
+        assert panel.read("config_checksum") == told
+        monkeypatch.undo()
+
+    on_a_panel(write_config(tmp_path), script)
+
+
 def test_result_bits_stay_until_they_are_acknowledged(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.run_to_the_end()
