@@ -99,6 +99,18 @@ def variances(noise: Noise, parts: Array) -> Array:
     return np.tensordot(square, parts, axes=1)
 
 
+def perfect_arm_variances(lin: Linearised, noise: Noise) -> Array:
+    """V (n, 6, 6) that a perfect arm would leave: of corners and bare poses alone.
+
+    NaN where the noise of bare poses was estimated and nothing told that of the flange: it holds both.
+    """
+    measured = {k: v for k, v in noise.sigma.items() if "flange" not in k}
+    V = variances(replace(noise, sigma=measured), shapes(lin, tuple(measured)))
+    flange = {k.replace("flange", "pose") for k in noise.sigma if "flange" in k}
+    mixed = set(PARTS[3:]) & set(noise.estimated) - flange
+    return np.full_like(V, np.nan) if mixed else V
+
+
 def weights(lin: Linearised, noise: Noise) -> Array:
     """V^-1 (n, 6, 6) of all residuals at ``lin``."""
     return inverse_spd(variances(noise, shapes(lin, tuple(noise.sigma))))

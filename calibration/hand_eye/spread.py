@@ -32,7 +32,7 @@ class PlacementEstimates:
     X: Array
     rows: NDArray[np.int64]
     gains: Array
-    cov: Array  # (n, 6, 6) of the residuals for a perfect arm
+    cov: Array  # (n, 6, 6) of the residuals for a perfect arm; NaN where that is not known
     skipped: int
     least_squares: Array | None  # X (4, 4) from the placement alone
 
@@ -51,7 +51,7 @@ class PlacementEstimates:
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations in metres (3,) and radians, and the floors for a perfect arm."""
+    """Standard deviations in metres (3,) and radians, and the floors for a perfect arm: NaN if not known."""
 
     t: Array
     r: float
@@ -59,12 +59,16 @@ class Spread:
     floor_r: float
 
     @property
+    def floor_known(self) -> bool:
+        return bool(np.isfinite(self.floor_t))
+
+    @property
     def t_norm(self) -> float:
         return float(np.linalg.norm(self.t))
 
     @property
     def resolved(self) -> bool:
-        """Whether both figures stand out from what the corners alone would give."""
+        """Whether both figures stand out from what the measurement alone would give."""
         return self.t_norm > _RESOLVED * self.floor_t and self.r > _RESOLVED * self.floor_r
 
 

@@ -49,9 +49,14 @@ class Spread(Part):
     t: Vector = Field(description="Along the axes.")
     t_norm: Metres = Field(description="Its length.")
     r: Radians = Field(description="Of the rotation.")
-    floor_t: Metres | None = Field(description="What noise alone gives.")
-    floor_r: Radians | None = Field(description="What noise alone gives.")
-    resolved: bool = Field(description="Whether the spread stands out from noise.")
+    floor_t: Metres | None = Field(description="What noise alone gives; not known where the arm is in it.")
+    floor_r: Radians | None = Field(description="What noise alone gives; not known where the arm is in it.")
+    resolved: bool | None = Field(description="Whether the spread stands out from noise.")
+
+    @property
+    def floor_known(self) -> bool:
+        """Earlier versions left the noise of bare poses out, and wrote a floor of 0."""
+        return bool(self.floor_t)
 
 
 class TwoSpreads(Part):

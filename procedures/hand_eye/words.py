@@ -24,6 +24,10 @@ SETUPS = {
     "T_base_camera": "camera in base (eye-to-hand)",
 }
 MOST_REJECTED_SHOWN = 10
+FLOOR_UNKNOWN = (
+    "what noise alone gives is not known: the noise of measured poses and the errors of the arm cannot be "
+    "told apart"
+)
 
 
 def hand_eye_lines(found: HandEyeResult) -> list[str]:
@@ -134,10 +138,10 @@ def _spread_text(spread: Spread, configured: Spread | None) -> str:
     text = f"{mm(spread.t_norm)}, {deg(spread.r)}"
     if configured is not None:
         text += f", as configured {mm(configured.t_norm)}, {deg(configured.r)}"
-    if spread.floor_t is not None:
-        text += f" (noise alone gives {mm(spread.floor_t)}, {deg(spread.floor_r)}"
-        text += ")" if spread.resolved else ": not resolved)"
-    return text
+    if not spread.floor_known:
+        return f"{text} ({FLOOR_UNKNOWN})"
+    text += f" (noise alone gives {mm(spread.floor_t)}, {deg(spread.floor_r)}"
+    return text + (")" if spread.resolved else ": not resolved)")
 
 
 def _residuals(residuals: HandEyeResiduals) -> list[str]:

@@ -4,6 +4,7 @@ import numpy as np
 
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import Distance, HandEyeAnswer, Intrinsics, LeftOut
+from procedures.hand_eye.words import FLOOR_UNKNOWN
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
 from procedures.report.numbers import DASH, deg, mm, mms, px
 
@@ -49,12 +50,12 @@ def _spread_table(answer: HandEyeAnswer) -> Html:
         if spread is None:
             rows.append((name, DASH, DASH, DASH, needs, meaning))
             continue
-        resolved = "resolved" if spread.resolved else "not resolved"
         told = DASH if before is None else f"{mm(before.t_norm)}, {deg(before.r)}"
-        figure, floor = (
-            f"{mm(spread.t_norm)}, {deg(spread.r)}",
-            f"{mm(spread.floor_t)}, {deg(spread.floor_r)}",
-        )
+        figure = f"{mm(spread.t_norm)}, {deg(spread.r)}"
+        floor, resolved = DASH, FLOOR_UNKNOWN
+        if spread.floor_known:
+            floor = f"{mm(spread.floor_t)}, {deg(spread.floor_r)}"
+            resolved = "resolved" if spread.resolved else "not resolved"
         rows.append((name, told, figure, floor, resolved, el("span", meaning, class_="note")))
     return table(("", "as configured", "with what was found", "noise floor", "", "what it is"), rows)
 

@@ -17,7 +17,7 @@ from calibration.hand_eye.leave_out import (
     pose_distances,
     spread_about_mean,
 )
-from calibration.hand_eye.noise import MOST, weights
+from calibration.hand_eye.noise import MOST, perfect_arm_variances, weights
 from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.observability import axes_frame, rotations, still_pairs
 from calibration.hand_eye.problem import Problem
@@ -150,8 +150,7 @@ def spreads(solution: Solution) -> TwoSpreads:
 
 
 def _estimates_of_placements(solution: Solution, lin: Linearised, P: Array) -> list[PlacementEstimates]:
-    perfect = lin.problem.cov_px * solution.noise.sigma.get("sigma_px", 0.0) ** 2
-    return placements(lin.problem, lin.at, P, perfect)
+    return placements(lin.problem, lin.at, P, perfect_arm_variances(lin, solution.noise))
 
 
 def _two_spreads(found: list[PlacementEstimates]) -> TwoSpreads:
@@ -169,9 +168,9 @@ def _spread(found: ResolvedSpread | None) -> Spread | None:
         t=found.t.tolist(),
         t_norm=found.t_norm,
         r=found.r,
-        floor_t=found.floor_t,
-        floor_r=found.floor_r,
-        resolved=found.resolved,
+        floor_t=found.floor_t if found.floor_known else None,
+        floor_r=found.floor_r if found.floor_known else None,
+        resolved=found.resolved if found.floor_known else None,
     )
 
 

@@ -13,6 +13,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.errors import CellError, InputError
 from cell.formats.result import Result
 from cell.poses import from_pose6, log_xi, to_pose6
+from procedures.hand_eye.result import HandEyeAnswer, Spread
+from procedures.hand_eye.words import spread_lines
 from tests.kit.hand_eye_scene import BOARD, CAMERA, POINTS, X_TRUE, make_scene
 from tests.kit.solved import solve_hand_eye
 
@@ -114,16 +116,42 @@ def test_images_are_searched_when_there_are_no_corners(tmp_path: Path) -> None:
     assert np.linalg.norm(error_of(result)[:3]) < 2e-3
 
 
-def test_bare_poses_need_no_camera(tmp_path: Path) -> None:
-    scene = make_scene(5, count=16)
-    data = scene.data_set(camera=None)
-    for k, observation in enumerate(data["observations"]):
+def bare_poses(noise: dict[str, float], seed: int = 5) -> dict[str, Any]:
+    """A data set of a perfect arm and of target poses that are off by 0.1 mm and 0.2 mrad an axis."""
+    scene = make_scene(seed, count=24, groups=3, flange_t=0.0, flange_r=0.0)
+    data = scene.data_set(camera=None, noise=noise)
+    rng = np.random.default_rng(seed)
+    for observation, seen in zip(data["observations"], scene.camera_target, strict=True):
         del observation["corners"]
-        observation["T_camera_target"] = to_pose6(scene.camera_target[k]).tolist()
-    (tmp_path / "capture.json").write_text(json.dumps(data))
+        off = from_pose6([*(1e-4 * rng.normal(size=3)), *(2e-4 * rng.normal(size=3))])
+        observation["T_camera_target"] = to_pose6(seen * off).tolist()
+    return data
+
+
+def test_bare_poses_need_no_camera_and_tell_no_floor_of_their_spread(tmp_path: Path) -> None:
+    (tmp_path / "capture.json").write_text(json.dumps(bare_poses({})))
     result = solve_hand_eye(tmp_path)
     assert np.linalg.norm(error_of(result)[:3]) < 1e-3
     assert result["residuals"]["reprojection_rms_px"] is None
+    for name in ("spread_within", "spread_across"):
+        spread = result["result"][name]
+        assert (spread["floor_t"], spread["floor_r"], spread["resolved"]) == (None, None, None)
+    lines = spread_lines(HandEyeAnswer.model_validate(result["result"]))
+    assert ["what noise alone gives is not known: " in line for line in lines[:2]] == [True, True]
+
+
+def test_an_arm_that_is_told_leaves_the_noise_of_bare_poses_as_the_floor(tmp_path: Path) -> None:
+    data = bare_poses({"sigma_flange_t": 0.0, "sigma_flange_r": 0.0})
+    (tmp_path / "capture.json").write_text(json.dumps(data))
+    spread = solve_hand_eye(tmp_path)["result"]["spread_within"]
+    assert spread["t_norm"] / spread["floor_t"] == pytest.approx(1.0, abs=0.3)
+    assert spread["r"] / spread["floor_r"] == pytest.approx(1.0, abs=0.3)
+    assert spread["resolved"] is False
+
+
+def test_a_floor_of_nothing_in_an_earlier_result_counts_as_unknown() -> None:
+    earlier = {"t": [1e-3, 0.0, 0.0], "t_norm": 1e-3, "r": 1e-3, "floor_t": 0.0, "floor_r": 0.0}
+    assert not Spread.model_validate(earlier | {"resolved": True}).floor_known
 
 
 def test_missing_intrinsics_are_estimated_and_said_so(tmp_path: Path) -> None:
