@@ -74,10 +74,11 @@ def import_data(
             )
         return
     found = _pairs(kind, setup, length, angle, euler)(path)
-    _write(found.capture(kind), output)
+    units = f"{length} and {angle}"
+    _write(found.capture(kind, units), output)
     for sentence in found.left_out:
         say(sentence)
-    say(f"{len(found.pairs)} poses, {found.setup}.")
+    say(f"{len(found.pairs)} poses, {found.setup}, read as {units}.")
     if output is not None:
         say(f"Next: cellward solve hand-eye {output}")
 

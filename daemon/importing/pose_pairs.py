@@ -38,15 +38,18 @@ class Imported:
     pairs: Sequence[PosePair]
     left_out: Sequence[str] = field(default_factory=tuple)
 
-    def capture(self, program: str) -> dict[str, Any]:
-        """The document of a data set for 'cellward solve hand-eye'; ``DATA_INVALID`` when it is none."""
+    def capture(self, program: str, read_as: str) -> dict[str, Any]:
+        """The document of a data set for 'cellward solve hand-eye'; ``DATA_INVALID`` when it is none.
+
+        ``read_as`` names the units of the program's file; those of the document are m and rad.
+        """
         document = {
             "schema": SCHEMA,
             "setup": self.setup,
             "camera": None,
             "target": {"type": "points", "points": _POINTS},
             "observations": [_observation(i, pair) for i, pair in enumerate(self.pairs)],
-            "notes": {"imported_from": program, "source": self.source.name},
+            "notes": {"imported_from": program, "source": self.source.name, "read_as": read_as},
         }
         parse(Capture, document, SCHEMA, str(self.source))
         return document

@@ -15,7 +15,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite, pi
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ from daemon.importing.files import numbers, read_text
 from daemon.importing.pose_pairs import Imported, PosePair, chosen_setup, fault
 from daemon.importing.rotations import PoseFault, euler, euler_order, matrix, quaternion, rotation_vector
 
+_MOST_RAD = 2.0 * pi + 1e-3  # an angle that was rounded, or counted once around
+_FARTHEST_M = 20.0  # no flange is that far from its base
 _CELLS = [f"m{row}{column}" for row in range(4) for column in range(4)]
 
 
@@ -40,10 +42,26 @@ class Convention:
 
     def turned(self, translation: list[float], three: list[float]) -> RigidTransform:
         """A pose of three numbers of rotation: a vector, or angles when an order was named."""
-        place, angles = [v * self.length for v in translation], [v * self.angle for v in three]
+        place = [v * self.length for v in translation]
         if self.euler is None:
-            return rotation_vector(place, angles)
-        return euler(place, angles, euler_order(self.euler))
+            return self.by_vector(place, three)
+        return euler(place, self._angles(three, max(map(abs, three))), euler_order(self.euler))
+
+    def by_vector(self, place: list[float], vector: list[float]) -> RigidTransform:
+        """A pose of a place in metres and a rotation vector; angles in degrees are not read as radians."""
+        return rotation_vector(place, self._angles(vector, hypot(*vector)))
+
+    def _angles(self, numbers: list[float], largest: float) -> list[float]:
+        if self.angle == 1.0 and largest > _MOST_RAD:
+            raise PoseFault(f"an angle of {largest:.4g} is more than one turn in radians: give --angle deg")
+        return [v * self.angle for v in numbers]
+
+    def flange(self, pose: RigidTransform) -> RigidTransform:
+        """``pose`` when a flange can be there; millimetres are not read as metres."""
+        far = hypot(*pose.translation)
+        if self.length == 1.0 and far > _FARTHEST_M:
+            raise PoseFault(f"the flange would be {far:.4g} m from the base: give --length mm")
+        return pose
 
 
 def read_csv(path: Path, setup: str | None, convention: Convention) -> Imported:
@@ -63,7 +81,7 @@ def read_csv(path: Path, setup: str | None, convention: Convention) -> Imported:
     for row in rows:
         values = _row_numbers(path, rows.line_num, row)
         try:
-            poses = flange(values), target(values)
+            poses = convention.flange(flange(values)), target(values)
         except PoseFault as exc:
             raise fault(path, f"line {rows.line_num}", exc) from exc
         q = tuple(values[name] * convention.angle for name in sorted(joints, key=lambda n: int(n[1:])))
@@ -89,7 +107,8 @@ def read_plain_json(path: Path, setup: str | None, convention: Convention) -> Im
             if not isinstance(pose, dict):
                 raise fault(path, f"samples[{k}].{part}", "is missing; it is a table with the pose")
             try:
-                poses.append(_pose(pose, convention))
+                read = _pose(pose, convention)
+                poses.append(convention.flange(read) if part == "flange" else read)
             except PoseFault as exc:
                 raise fault(path, f"samples[{k}].{part}", exc) from exc
         group = sample.get("group", 0)
@@ -162,7 +181,7 @@ def _pose(pose: Mapping[str, Any], convention: Convention) -> RigidTransform:
     if key == "quaternion_wxyz":
         return quaternion(metres, [*found[1:], found[0]])
     if key == "rotation_vector":
-        return rotation_vector(metres, [v * convention.angle for v in found])
+        return convention.by_vector(metres, found)
     if convention.euler is None:
         raise PoseFault("'euler' is there: name the order of the angles with --euler, as in --euler kuka-abc")
     return convention.turned(place, found)

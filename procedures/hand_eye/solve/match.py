@@ -52,9 +52,10 @@ def check_match(
     if mistake is None:
         code = TIME
         cause = (
-            "neither exchanged frames nor other units, another setup or a simple order explains it; most "
-            "often poses and images were not recorded together: look at the order of the poses and at their "
-            "times"
+            "the other setup, other units, Euler angles in place of rotation vectors, and from five poses on "
+            "another order of the poses were tried with the numbers of this file, and none explains it; look "
+            "whether poses and images were recorded together and, where the file was imported, at the units "
+            "and the order of angles of that import"
         )
     else:
         code, cause = mistake.code, mistake.text

@@ -267,6 +267,44 @@ def test_a_bad_row_is_named_by_its_line(subject: CommandLine, tmp_path: Path, li
     assert says in done.err
 
 
+@pytest.mark.parametrize(
+    ("flange", "options", "says"),
+    [
+        (
+            [0.4, 0, 0.5, 178, -1, 92],
+            (),
+            "an angle of 200.4 is more than one turn in radians: give --angle deg",
+        ),
+        ([0.4, 0, 0.5, 178, -1, 92], ("--euler", "ZYX"), "an angle of 178 is more than one turn in radians"),
+        ([412, -105, 520, 3, 0, 0], (), "the flange would be 671.7 m from the base: give --length mm"),
+        ([0.4, 0, 0.5, 6.28, 0.1, 0.1], (), ""),
+        ([412, -105, 520, 178, -1, 92], ("--length", "mm", "--angle", "deg"), ""),
+    ],
+)
+def test_degrees_are_not_read_as_radians_nor_millimetres_as_metres(
+    subject: CommandLine, tmp_path: Path, flange: list[float], options: tuple[str, ...], says: str
+) -> None:
+    names = ["x", "y", "z", "rx", "ry", "rz"]
+    table, plain = tmp_path / "poses.csv", tmp_path / "poses.json"
+    head = ",".join(f"{part}_{name}" for part in ("flange", "target") for name in names)
+    row = ",".join(map(str, [*flange, 0, 0, 0.5, 0, 0, 0]))
+    table.write_text(f"{head}\n{row}\n")
+    key = "euler" if "--euler" in options else "rotation_vector"
+    poses = {
+        part: {"translation": v[:3], key: v[3:]} for part, v in (("flange", flange), ("target", [0] * 6))
+    }
+    plain.write_text(json.dumps({"samples": [poses]}))
+    for kind, file, where in (("csv", table, "line 2: "), ("json", plain, "samples[0].flange: ")):
+        done = subject("import", kind, file, "--setup", "eye-in-hand", *options)
+        if says:
+            assert (done.code, done.out) == (2, "")
+            assert where + says in done.err
+            continue
+        units = "mm and deg" if options else "m and rad"
+        assert f"read as {units}." in done.err
+        assert imported(done)["notes"]["read_as"] == units
+
+
 def test_a_matrix_that_mirrors_or_stretches_is_refused() -> None:
     from daemon.importing.rotations import PoseFault, matrix
 

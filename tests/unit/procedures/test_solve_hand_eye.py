@@ -154,6 +154,17 @@ def test_a_floor_of_nothing_in_an_earlier_result_counts_as_unknown() -> None:
     assert not Spread.model_validate(earlier | {"resolved": True}).floor_known
 
 
+def test_degrees_that_were_wrapped_as_radians_are_not_said_to_be_ruled_out(tmp_path: Path) -> None:
+    data = bare_poses({})
+    for observation in data["observations"]:
+        place, vector = np.split(np.array(observation["T_base_flange"]), 2)
+        wrapped = Rotation.from_rotvec(np.degrees(vector)).as_rotvec()
+        observation["T_base_flange"] = [*place.tolist(), *wrapped.tolist()]
+    (tmp_path / "capture.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"poses\.time.*look whether.*at the units and the order of angles"):
+        solve_hand_eye(tmp_path)
+
+
 def test_missing_intrinsics_are_estimated_and_said_so(tmp_path: Path) -> None:
     result = solve_hand_eye(make_scene(6, count=24).write(tmp_path, camera=None))
     assert codes(result) == ["camera.intrinsics"]
