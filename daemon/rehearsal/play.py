@@ -5,7 +5,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cell.store.runs import RunFolder, load_run
+from cell.errors import CellError
+from cell.store.runs import RunFolder, list_runs, load_run
 from daemon.config import CellConfig
 from daemon.demo.ending import beside_truth
 from daemon.demo.fast import run_objects
@@ -16,12 +17,14 @@ from procedures.beside_truth import Judged
 from procedures.documents import kind_of, read_result
 from procedures.kind import load
 
+NOT_STARTED = "not started"
+NOT_WELL = "{}, which has to come first, did not end well"
 BUMP = Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006))
 
 
 @dataclass(frozen=True)
 class RehearsedRun:
-    """How a job ended in one twin.
+    """How a job ended in one twin; ``ended`` is ``NOT_STARTED`` where what comes first kept it from starting.
 
     ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
     far the result is from the twin's truth; ``good`` whether the two agree, ``inside95`` whether
@@ -55,15 +58,20 @@ class RehearsedRun:
 def rehearse(
     config: CellConfig, path: Path, job: str, seed: int, folder: Path, tool: str | None = None
 ) -> RehearsedRun:
-    """``job`` with ``tool`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of
-    ``rehearsed_cell``."""
+    """``job`` with ``tool`` in a twin drawn by ``seed``; its files stay in ``folder``.
+
+    A job that the twin refuses is an outcome. Errors as of ``rehearsed_cell``.
+    """
     cell = rehearsed_cell(config, path, job, seed, folder, tool)
-    runs, _ = run_objects(cell.config, steps_of(cell))
     where = Path(cell.config.cell.state_dir) / "runs"
+    try:
+        runs, _ = run_objects(cell.config, steps_of(cell))
+    except CellError as exc:
+        return _refused(where, exc, seed)
     for run_id, _truth in runs[:-1]:
         before = load_run(where, run_id)
-        if (before.read_end() or {}).get("outcome") != "complete":
-            return _failed(before, seed, f"{before.job}, which has to come first, did not end well")
+        if _outcome_of(before) != "complete":
+            return _failed(before, seed, NOT_WELL.format(before.job))
     run_id, truth = runs[-1]
     outcome = _outcome(load_run(where, run_id), truth, seed)
     if outcome.good is None and (made := prediction_of(config, job, tool)):
@@ -116,6 +124,25 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
         lost=_lost(run.read_journal()),
         report=str(report) if report.exists() else "",
     )
+
+
+def _refused(where: Path, exc: CellError, seed: int) -> RehearsedRun:
+    """A twin in which a job could not be started: the true reason is what came of the one before it."""
+    text = f"{exc} ({exc.code}). {exc.hint}"
+    if not (made := list_runs(where, newest=1)):
+        return RehearsedRun(seed, NOT_STARTED, 0.0, why=[text])
+    before = made[0]
+    if _outcome_of(before) != "complete":
+        return _failed(before, seed, NOT_WELL.format(before.job))
+    result = before.read_result() or {}
+    if (verdict := result.get("verdict")) != "pass":
+        reasons = "; ".join(map(str, result.get("reasons") or ()))
+        text = f"its {before.job} was judged {verdict}: {reasons}, and was not accepted"
+    return RehearsedRun(seed, NOT_STARTED, _seconds(before), why=[text], lost=_lost(before.read_journal()))
+
+
+def _outcome_of(run: RunFolder) -> str | None:
+    return (run.read_end() or {}).get("outcome")
 
 
 def _failed(run: RunFolder, seed: int, first: str = "") -> RehearsedRun:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cell.clock import MonotonicClock
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.store.runs import RunFolder
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
@@ -212,3 +212,30 @@ def test_a_job_that_no_truth_can_judge_is_told_beside_its_prediction(
     assert "P1: AP " in text
     assert "not compared with the twin's truth: there is no such comparison" in text
     assert "agree" not in text + "".join(summary_lines("iso9283", [subject, subject]))
+
+
+def test_a_twin_whose_preparation_was_not_accepted_is_told_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends = iter([("complete", "warn"), ("complete", "pass"), ("aborted", None)])
+
+    def played(config: Any, steps: Any) -> None:
+        outcome, verdict = next(ends)
+        runs = Path(config.cell.state_dir) / "runs"
+        run = RunFolder.create(runs, steps[0].job, 1, {}, MonotonicClock())
+        if verdict is not None:
+            kind = {"kind": "cone-capture", "result": None, "reasons": ["few views", "a wide interval"]}
+            run.write_result(whole({**kind, "verdict": verdict}))
+        run.finish({"outcome": outcome, "packml": outcome.upper(), "verdict": verdict, "error": None})
+        raise error("HAND_EYE_UNKNOWN", "no result of cone-capture is in effect")
+
+    monkeypatch.setattr("daemon.rehearsal.play.run_objects", played)
+    cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path, FEW))
+    ran = cellward("rehearse", "touch-test", "--times", "3", "--json", "--out", str(tmp_path / "out"))
+    told = json.loads(ran.out)["rehearsals"]
+    assert [(t["seed"], t["ended"]) for t in told] == [(1, "not started"), (2, "not started"), (3, "aborted")]
+    first, second, third = (t["why"][0] for t in told)
+    assert first == "its cone-capture was judged warn: few views; a wide interval, and was not accepted"
+    assert "no result of cone-capture is in effect (5506)" in second
+    assert third == "cone-capture, which has to come first, did not end well"
+    assert ran.code == 1
