@@ -33,11 +33,13 @@ def rehearse(
     """
     from daemon.config import load_config
     from daemon.demo.folder import begin_in
+    from daemon.rehearsal.objects import rehearsal_reference
     from daemon.rehearsal.play import rehearse as play
     from daemon.rehearsal.words import outcome_lines, summary_lines
 
     path = config_path(config)
     loaded = load_config(path)
+    rehearsal_reference(job)
     outcomes = []
     say(f"Rehearsing {job} of cell '{loaded.cell.name}' on a twin of it; nothing real is opened or moved.")
     for number in range(seed, seed + times):

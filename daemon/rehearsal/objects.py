@@ -55,7 +55,7 @@ def rehearsed_cell(
 
     ``tool`` is on the flange, by its name; None: the one of a start that names none.
 
-    ``UNKNOWN_JOB``; ``CONFIG_INVALID`` says what the job or a twin of this cell lacks.
+    ``CONFIG_INVALID`` says what the job or a twin of this cell lacks; others as of ``rehearsal_reference``.
     """
     on_flange = present(asked_tool(config, job, tool, needed=True), "tool")
     rehearsal = rehearsal_of(config, job, on_flange)
@@ -76,12 +76,23 @@ def rehearsed_cell(
     return RehearsedCell(made, jobs, (*before, rehearsal))
 
 
+def rehearsal_reference(job: str) -> str:
+    """``package.module:function`` that tells what ``job`` needs of a twin.
+
+    ``UNKNOWN_JOB``; ``ARGUMENT_INVALID`` for a job that has no rehearsal.
+    """
+    if job in JOBS and (reference := kind_named(JOBS[job].kind).rehearsal):
+        return reference
+    known = ", ".join(name for name, j in JOBS.items() if kind_named(j.kind).rehearsal)
+    if job in JOBS:
+        raise error("ARGUMENT_INVALID", f"{job} cannot be rehearsed yet; these jobs can: {known}")
+    raise error("UNKNOWN_JOB", f"there is no job '{job}'; these can be rehearsed: {known}")
+
+
 def rehearsal_of(config: CellConfig, job: str, tool: CellTool | None = None) -> Rehearsal:
-    """What ``job`` needs of a twin; ``UNKNOWN_JOB`` or ``CONFIG_INVALID`` when it cannot be rehearsed."""
-    reference = kind_named(JOBS[job].kind).rehearsal if job in JOBS else ""
-    if not reference:
-        known = ", ".join(name for name, j in JOBS.items() if kind_named(j.kind).rehearsal)
-        raise error("UNKNOWN_JOB", f"there is no job '{job}' that can be rehearsed; there is {known}")
+    """What ``job`` needs of a twin; ``CONFIG_INVALID`` when the configuration lacks it, and errors as of
+    ``rehearsal_reference``."""
+    reference = rehearsal_reference(job)
     try:
         procedure = make_procedure(JOBS[job], config, {})
         found: Rehearsal = load(reference)(setup_of(config, tool), procedure.config)

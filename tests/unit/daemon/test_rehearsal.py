@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
 from daemon.rehearsal.play import RehearsedRun, rehearse, steps_of
 from daemon.rehearsal.words import outcome_lines, summary_lines
 from fakes.world.scenario import Scenario
+from procedures.documents import kind_named
+from procedures.registry import SHIPPED
 from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import whole_example
 from tests.kit.whole_results import whole
@@ -149,7 +152,7 @@ def test_a_touch_test_behind_a_capture_of_another_board_or_camera_is_refused(
 @pytest.mark.parametrize(
     ("job", "replaced", "words"),
     [
-        ("cone", {}, "there is no job 'cone' that can be rehearsed; there is cone-capture"),
+        ("cone", {}, "there is no job 'cone'; these can be rehearsed: cone-capture"),
         ("laser-check", {"[job.laser-reference]": "[job.laser-check]\n[other]"}, "[job.laser-reference]"),
         ("belt-tracking", {"belt_nominal = {": "# belt_nominal = {"}, "belt_nominal is missing"),
         ("tracker-sampling", {"T_base_tracker_nominal": "# T_base"}, "T_base_tracker_nominal of the job"),
@@ -239,3 +242,18 @@ def test_a_twin_whose_preparation_was_not_accepted_is_told_and_the_others_go_on(
     assert "no result of cone-capture is in effect (5506)" in second
     assert third == "cone-capture, which has to come first, did not end well"
     assert ran.code == 1
+
+
+def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path))
+    ran = cellward("rehearse", "slot-insertion", "--out", str(tmp_path / "out"))
+    assert ran.code == 2
+    assert "slot-insertion cannot be rehearsed yet; these jobs can: cone-capture, laser-reference" in ran.err
+    assert "Rehearsing" not in ran.err
+    page = (Path(__file__).parents[3] / "docs" / "operating.md").read_text("utf-8")
+    listed = page.partition("cannot be rehearsed yet:")[2].partition(".")[0]
+    assert set(re.findall(r"`([\w-]+)`", listed)) == {
+        name for name, job in SHIPPED.items() if not kind_named(job.kind).rehearsal
+    }
