@@ -25,8 +25,9 @@ def base_and_flange(model: Array, true: Array) -> tuple[Array, Array]:
     for _ in range(_ROUNDS):
         placed = base @ model @ flange
         off = se3.log(se3.inverse(placed) @ true) * scale
-        A = np.concatenate([adjoint(se3.inverse(placed)) * scale[:, None], own], axis=2)
-        x = np.linalg.lstsq(A.reshape(-1, 12), off.ravel(), rcond=None)[0]
+        A = np.concatenate([adjoint(se3.inverse(placed)) * scale[:, None], own], axis=2).reshape(-1, 12)
+        # What the normal equations lose in a step the next one finds.
+        x = np.linalg.lstsq(A.T @ A, A.T @ off.ravel(), rcond=None)[0]
         base, flange = se3.exp(x[:6]) @ base, flange @ se3.exp(x[6:])
     return base, flange
 

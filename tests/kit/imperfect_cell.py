@@ -6,7 +6,7 @@ the nominal arm. The true X is the one that serves best with the nominal arm ove
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -72,8 +72,8 @@ class World:
     @cached_property
     def _serving(self) -> tuple[Array, Array]:
         """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
-        Q = reference_joints(ARM.joint_limits, 13, seed=77)
-        return base_and_flange(MODEL.base.flange(Q), self.true_flange(Q))
+        Q, nominal = _everywhere()
+        return base_and_flange(nominal, self.true_flange(Q))
 
     @property
     def X(self) -> Array:
@@ -83,6 +83,13 @@ class World:
     def true_flange(self, Q: Array) -> Array:
         """(n, 4, 4) at joints (n, 6)."""
         return self.chain.flange(Q + _joint_error(Q, self.gear))
+
+
+@cache
+def _everywhere() -> tuple[Array, Array]:
+    """Joints (n, 6) all over what the arm can reach, and the nominal flange (n, 4, 4) there."""
+    Q = reference_joints(ARM.joint_limits, 13, seed=77)
+    return Q, MODEL.base.flange(Q)
 
 
 def _joint_error(Q: Array, gear: Array) -> Array:
