@@ -22,8 +22,19 @@ _CONFIG = {
     "plotlyServerURL": "",
 }
 # The look comes in as a figure goes into its page: in each figure it takes plotly longer than to draw it.
+# Fonts, margins and axes are a part of it.
 pio.templates.default = None
 _LOOK = pio.templates["simple_white"].to_plotly_json()
+_LOOK["layout"] |= {
+    "font": {"family": "Segoe UI, Roboto, Arial, DejaVu Sans, sans-serif", "size": 13, "color": INK},
+    "paper_bgcolor": "#fff",
+    "plot_bgcolor": "#fff",
+    "hoverlabel": {"align": "left"},
+    "margin": _MARGIN,
+    "legend": _LEGEND,
+}
+for _axis in ("xaxis", "yaxis"):
+    _LOOK["layout"][_axis] |= {"gridcolor": LINE, "showgrid": True, "linecolor": SOFT}
 
 
 def colour(groups: Sequence[int], group: int) -> str:
@@ -43,21 +54,13 @@ def plotly_script() -> str:
 
 
 def figure(height: int, **layout: Any) -> Any:
-    """An empty figure with the report's fonts and margins."""
+    """An empty figure, ``height`` pixels high."""
     return dressed(go.Figure(), height, **layout)
 
 
 def dressed(fig: Any, height: int, **layout: Any) -> Any:
-    """``fig`` (one with several axes, say) with the report's fonts and margins."""
-    fig.update_layout(
-        height=height,
-        font={"family": "Segoe UI, Roboto, Arial, DejaVu Sans, sans-serif", "size": 13, "color": INK},
-        paper_bgcolor="#fff",
-        plot_bgcolor="#fff",
-        hoverlabel={"align": "left"},
-        **{"margin": _MARGIN, "legend": _LEGEND, **layout},
-    )
-    return fig
+    """``fig`` (one with several axes, say), ``height`` pixels high."""
+    return fig.update_layout(height=height, **layout)
 
 
 def legend_below(height: int) -> dict[str, Any]:
@@ -91,8 +94,6 @@ def embed(fig: Any, name: str, *, wide: bool = False) -> Html:
 
     Plotly writes ``<`` and ``/`` in data as escapes.
     """
-    fig.update_xaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
-    fig.update_yaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
     drawn = fig.to_dict()
     drawn["layout"] = {"template": _LOOK, **drawn["layout"]}
     markup = pio.to_html(

@@ -16,6 +16,7 @@ from cell.poses import exp_xi, from_pose6, to_pose6
 from procedures.documents import read_result
 from procedures.hand_eye.report.measured import measure
 from procedures.report import write_report
+from procedures.report.figure import LINE, embed, figure
 from procedures.report.write import from_result, render
 from tests.kit.solved import solve_hand_eye
 
@@ -394,3 +395,10 @@ def test_wrong_pose_scatters_the_target_as_geometry_says(tmp_path: Path) -> None
         (from_pose6(o["T_base_flange"]) * X_TRUE).rotation.apply([0, 0, 1]) for o in content["observations"]
     ]
     assert poses[:, :3, 3] - np.array([0.6, 0.0, 0.02]) == pytest.approx(0.01 * np.array(axes), abs=2e-6)
+
+
+def test_fonts_margins_and_axes_come_with_the_look_and_are_not_set_in_each_figure() -> None:
+    subject = figure(300)
+    assert subject.to_dict()["layout"].keys() == {"height"}
+    look = str(embed(subject, "place")).partition('"template"')[2]
+    assert all(part in look for part in ("Segoe UI", '"margin":{"l":60', f'"gridcolor":"{LINE}"'))
