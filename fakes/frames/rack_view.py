@@ -6,6 +6,7 @@ are as exact as those of printed targets. A part that stands out of a slot is a 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -40,6 +41,15 @@ _NOISE_FRAMES = 4
 _PAPER, _INK = 225.0, 25.0  # of a marker
 
 
+@lru_cache(maxsize=1)
+def _noise(seed: int, grey: float, width: int, height: int) -> tuple[NDArray[np.float32], list[Array]]:
+    """Noise of colour (k, h, w, 3) and of depth (k of (h, w) mm): drawn once for all views of one camera."""
+    rng = np.random.default_rng([seed, 0x51])
+    colour = rng.normal(0.0, grey, (_NOISE_FRAMES, height, width, 3)).astype(np.float32)
+    coarse = rng.normal(0.0, _DEPTH_NOISE_MM, (_NOISE_FRAMES, height // 8, width // 8)).astype(np.float32)
+    return colour, [cv2.resize(one, (width, height)) for one in coarse]
+
+
 class RackView:
     """Pictures of the world's rack by its camera."""
 
@@ -50,16 +60,9 @@ class RackView:
         self._rays = pixel_rays(lens)
         self._boxes = BoxPainter(self._K, self._dist, self._rays)
         self._camera = camera = world.camera
-        rng = np.random.default_rng([world.config.seed, 0x51])
         height, width = self._rays.shape[:2]
-        coarse = (_NOISE_FRAMES, height // 8, width // 8)
-        noise = rng.normal(0.0, camera.noise_grey, (_NOISE_FRAMES, height, width, 3))
-        self._noise = noise.astype(np.float32)
+        self._noise, self._depth_noise = _noise(world.config.seed, camera.noise_grey, width, height)
         self._light = light_share((width, height), camera.vignette)
-        self._depth_noise = [
-            cv2.resize(noise.astype(np.float32), (width, height))
-            for noise in rng.normal(0.0, _DEPTH_NOISE_MM, coarse)
-        ]
 
     def picture(self, t: float, tick: int) -> tuple[Image, NDArray[np.uint16]]:
         """Colour (h, w, 3) and depth (h, w) mm of the exposure around ``t``."""

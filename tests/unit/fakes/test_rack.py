@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from fakes.frames.rack_view import RackView
 from fakes.world.rack.contact import SlotShape, Touch, touch
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
@@ -107,3 +108,11 @@ def test_a_mirrored_rack_has_every_part_where_it_is() -> None:
             a, b = (world.rack.T_base_part(part, t).as_matrix() for world in (twin, mirror))  # type: ignore[union-attr]
             assert (a == b).all()
     assert (mirror.rack.in_slot(2, 9.5), mirror.rack.in_slot(2, 10.5)) == (1, None)
+
+
+def test_two_views_of_one_camera_share_the_noise_that_one_of_them_has_drawn() -> None:
+    world = World.from_scenario(Scenario.load("slot"))
+    assert world.rack is not None
+    first, second = RackView(world, world.rack), RackView(world, world.rack)
+    assert first._noise is second._noise
+    assert np.std(first._noise) == pytest.approx(world.camera.noise_grey, rel=0.01)
