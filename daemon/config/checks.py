@@ -50,13 +50,22 @@ def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
         for key, name in section.items():
             if key == "target" and isinstance(name, str) and name not in targets:
                 findings.add((*place, key), f"there is no [target.{name}]{did_you_mean(name, targets)}")
-            if key.endswith("_pose") and isinstance(name, str) and name not in poses:
-                findings.add((*place, key), f"there is no '{name}' in [poses]{did_you_mean(name, poses)}")
-            aux = name.get("aux") if isinstance(name, dict) else None
-            if isinstance(aux, str) and aux not in poses:
-                text = f"there is no '{aux}' in [poses]{did_you_mean(aux, poses)}"
-                findings.add((*place, key, "aux"), text)
+            if key.endswith("_pose"):
+                _check_pose((*place, key), name, poses, findings)
+            elif isinstance(name, dict):
+                _check_pose((*place, key, "aux"), name.get("aux"), poses, findings)
     _check_inputs(raw, findings)
+
+
+def _check_pose(place: Path, name: Any, poses: Mapping[str, Any], findings: Findings) -> None:
+    """A pose is taught with the daemon running, so a job whose pose is missing does not keep it from that."""
+    if not isinstance(name, str) or name in poses:
+        return
+    text = f"there is no '{name}' in [poses]{did_you_mean(name, poses)}"
+    if place[0] == "job":
+        findings.add_problem(place, f"{text}; bring the arm there, then 'cellward pose save {name}'")
+    else:
+        findings.add(place, text)
 
 
 def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
@@ -85,12 +94,26 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_exposure(raw, findings)
     _check_due(raw, findings)
     _check_filter(raw, findings)
+    _check_load(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
 
 def _has_arm(raw: Mapping[str, Any]) -> bool:
     return "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
+
+
+def _check_load(raw: Mapping[str, Any], findings: Findings) -> None:
+    """What the flange carries is measured: what is left out counts as nothing there."""
+    if not _has_arm(raw) or _table(raw, "cell").get("twin", False) is not False:
+        return
+    robot = _table(raw, "robot")
+    if "payload_kg" not in robot:
+        text = "is missing, so the arm's controller is told 0 kg: weigh what is on the flange, or write 0.0"
+        findings.warn(("robot", "payload_kg"), text)
+    if "tool" not in robot and not _table(raw, "tool"):
+        text = "is missing, so nothing is expected beyond the flange: measure the tool, or write {}"
+        findings.warn(("robot", "tool"), text)
 
 
 def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:

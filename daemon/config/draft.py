@@ -21,6 +21,13 @@ class _Part:
     poses: tuple[str, ...] = ()
 
 
+# Of the example's own cell, so with no values here: an arm would drive to poses that nobody has taught.
+_MEASURED = {
+    "payload_kg": "# payload_kg = KG   # weigh what is on the flange, tool included; 0.0 for nothing",
+    "centre_of_mass_m": "# centre_of_mass_m = [X, Y, Z]   # of the payload, in the flange frame",
+    "tool": '# tool = { name = "NAME", T_flange_tool = [X, Y, Z, RX, RY, RZ], radius_m = R }   # measure it',
+}
+
 _PARTS = {
     "camera": _Part(
         ("device.camera", "target.board", "job.cone-capture"), ("flange_camera", "T_flange_camera_nominal")
@@ -73,7 +80,7 @@ def draft(cell: Cell) -> str:
         "poses": {"home", *(key for part in parts for key in part.poses)},
     }
     kept = [
-        _only(lines, wanted[name]) if name in wanted else lines
+        list(_untaught(_only(lines, wanted[name]), name)) if name in wanted else lines
         for name, lines in _sections(init_text())
         if name in sections or not name
     ]
@@ -82,6 +89,7 @@ def draft(cell: Cell) -> str:
         text = _set(text, section, key, value)
     text = re.sub(r'(?m)^(beams = "beams").*', r"\1", text)
     text = re.sub(r"(?m)^(expect_serial = )", r"# \1", text)  # 'cellward check --probe' names the true ones
+    text = re.sub(r"(?m)^(payload_kg|centre_of_mass_m|tool) = .*$", lambda m: _MEASURED[m[1]], text)
     text = re.sub(r"(?m)^keep_out = .*$", "keep_out = []", text)
     first = text.partition("\n")[0]
     return text.replace(first, "# Configuration of one robot cell, drafted by 'cellward init'.", 1)
@@ -142,6 +150,18 @@ def _only(lines: list[str], keys: set[str]) -> list[str]:
         elif match["key"] in keys:
             kept.append(_in_force(line) if match[1] else line)
     return kept
+
+
+def _untaught(lines: list[str], section: str) -> Iterator[str]:
+    """Each pose as a comment that says what it is and how it is taught."""
+    for line in lines:
+        match = _KEY.match(line)
+        if section != "poses" or match is None:
+            yield line
+            continue
+        what = line.partition("   # ")[2]
+        told = f" ({what.strip()})" if what else ""
+        yield f"# {match['key']}{told}: bring the arm there, then 'cellward pose save {match['key']}'"
 
 
 def _in_force(line: str) -> str:

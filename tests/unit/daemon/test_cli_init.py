@@ -1,13 +1,15 @@
 """``cellward init``: what the cell has and nothing else, in a file that can be loaded."""
 
 import itertools
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from daemon.cli import init
-from daemon.config import load_config
+from daemon.cli.poses import with_pose
+from daemon.config import init_text, load_config
 from daemon.predictions import found_in, predictions
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 
@@ -44,14 +46,49 @@ def test_each_combination_is_loaded_without_a_finding(
     assert config.device.keys() == {"arm"}.union(*(devices.get(part, set()) for part in parts))
     assert config.http.enabled is ("page" in parts)
     assert config.modbus.allow_clients == (["10.0.5.5"] if "plc" in parts else [])
+    assert not config.poses
+    assert config.robot.payload_kg == 0.0
+    assert config.robot.tool.T_flange_tool == [0.0] * 6
     text = path.read_text()
     assert "20235500123" not in text.replace('# expect_serial = "20235500123"', "")
     assert "pillar" not in text
 
 
+def taught(path: Path) -> None:
+    """Fill in what a person teaches and measures, with the example's own values."""
+    example = {line.partition(" = ")[0]: line for line in re.sub(r"(?m)^# ", "", init_text()).splitlines()}
+    lines = []
+    for line in path.read_text().splitlines():
+        found = re.match(r"# (payload_kg|centre_of_mass_m|tool|home|wait|place)\b", line)
+        lines.append(example[found[1]] if found else line)
+    path.write_text("\n".join(lines))
+
+
+def test_what_must_be_taught_or_measured_is_not_invented_but_named(
+    subject: CommandLine, tmp_path: Path
+) -> None:
+    path = tmp_path / "new.toml"
+    subject("init", "-o", path, "--model", "ur5e", *OPTIONS["camera"], *OPTIONS["beams"])
+    checked = subject("check", "-c", path)
+    assert checked.code == 2
+    for pose in ("home", "aux_xs", "aux_ys"):
+        assert f"there is no '{pose}' in [poses]" in checked.err
+        assert f"'cellward pose save {pose}'" in checked.err
+    assert "robot.payload_kg: is missing" in checked.err
+    assert "robot.tool: is missing" in checked.err
+    text = with_pose(path.read_text(), "aux_xs", [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], replace=False)
+    path.write_text(text)
+    problems = load_config(path).problems
+    assert [problem.partition(": there")[0].rpartition(": ")[2] for problem in problems] == [
+        "job.cone-capture.start_pose",
+        "job.laser-reference.ys.aux",
+    ]
+
+
 def test_what_is_drafted_for_a_belt_can_be_done_with_it(subject: CommandLine, tmp_path: Path) -> None:
     path = tmp_path / "belt.toml"
     assert subject("init", "-o", path, *OPTIONS["belt"]).code == 0
+    taught(path)
     expected = predictions(load_config(path))
     assert found_in(expected, "problems") == []
     slow = [text for text in found_in(expected, "cautions") if "cannot meet an item" in text]
@@ -64,6 +101,7 @@ def test_a_place_that_cannot_be_reached_from_the_belt_is_not_blamed_on_the_limit
 ) -> None:
     path = tmp_path / "belt.toml"
     subject("init", "-o", path, *OPTIONS["belt"])
+    taught(path)
     path.write_text(path.read_text().replace("place = [-1.948628", "place = [1.5"))
     met = [
         text for text in found_in(predictions(load_config(path)), "cautions") if "cannot meet an item" in text
