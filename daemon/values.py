@@ -122,11 +122,15 @@ class _InEffect:
 
 
 def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What the result of a version says of its uncertainty, and the lens that belongs to it: without an
-    adjustment the one that was estimated before."""
-    answer = (result or {}).get("result") or {}
-    answer = {**answer, "lens": answer.get("lens") or answer.get("intrinsics")}
-    keys = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov")
+    """What the result of a version says of its uncertainty, the lens that belongs to it, without an
+    adjustment the one that was estimated before, and the target, with the printed size that was found."""
+    answer, inputs = ((result or {}).get(part) or {} for part in ("result", "inputs"))
+    answer = {
+        **answer,
+        "lens": answer.get("lens") or answer.get("intrinsics"),
+        "target": inputs.get("target"),
+    }
+    keys = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 

@@ -1,10 +1,14 @@
-"""The calibrated camera that a run works with, and how good the arm is with the one on its flange."""
+"""The calibrated camera that a run works with, and what was found with it of lens, target and arm."""
 
+from collections.abc import Mapping
+
+from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
 from cell.calibrated_lens import calibrated_lens
 from cell.devices import Intrinsics
 from cell.errors import error
+from cell.formats.capture import TargetTable
 from cell.poses import from_pose6
 from cell.run_values import RunValues
 from procedures.kinematics_in_use import in_use, made_otherwise
@@ -29,6 +33,20 @@ def solved_lens(values: RunValues, name: str, told: Intrinsics) -> Intrinsics | 
     """The lens that belongs to the camera's pose ``name``; None where its calibration has none for pictures
     of the size that is ``told``."""
     return calibrated_lens(values.uncertainty.get(name, {}).get("lens"), told)
+
+
+def found_size(values: RunValues, name: str, target: str) -> Mapping[str, float] | None:
+    """How much larger the board of ``[target.TARGET]`` is printed than configured, as the calibration of the
+    camera's pose ``name`` found it: ``x``, ``y``, ``sigma_x``, ``sigma_y``, shares.
+
+    A result has its target as it was configured, without the name. None where it is not this section's as it
+    stands now, or that of two sections alike: which of the two boards was seen is not known then.
+    """
+    stated = values.uncertainty.get(name, {})
+    table = TypeAdapter[TargetTable](TargetTable)
+    specs = {key: table.validate_python(dict(spec)) for key, spec in values.targets.items()}
+    alike = [key for key, spec in specs.items() if spec.model_dump(exclude_none=True) == stated.get("target")]
+    return stated.get("target_scale") if alike == [target] else None
 
 
 def arm_rms_m(values: RunValues) -> float | None:

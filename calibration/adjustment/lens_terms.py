@@ -67,6 +67,12 @@ class TargetPrior:
         return np.array([self.scale] * 2 + [self.bow] * 3)
 
 
+def target_prior(target: Mapping[str, Any]) -> TargetPrior:
+    """Of a target's table with ``scale_sigma`` and ``flatness_m``; without them one sheet from a printer."""
+    usual = TargetPrior()
+    return TargetPrior(target.get("scale_sigma") or usual.scale, target.get("flatness_m") or usual.bow)
+
+
 @dataclass(frozen=True)
 class ImageTerms:
     """Of n images, over c numbers: ``moves`` (n, 6, c) the pose from the left, ``info`` (n, c, c) and

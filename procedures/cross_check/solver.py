@@ -226,8 +226,8 @@ def touch_of(folder: Path, now: _Capture) -> SeenTouch:
     touches = Touches(
         q_look=np.array(data.look.q),
         Q=np.array([at.q for at in data.stood]),
-        view=view_of(data.spec, data.look),
-        points=data.points([at.corner for at in data.stood]),
+        view=view_of(data.look, designed),  # the captures have the print as unknowns
+        points=designed[[at.corner for at in data.stood]],
         stand_off_m=config.stand_off_m,
         # As it was when all was well: a frame that was corrected since has the change in it.
         tool=np.array(data.tool if data.tool_reference is None else data.tool_reference),

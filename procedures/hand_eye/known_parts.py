@@ -1,11 +1,11 @@
 """How well arm, lens and target are known: as the data state it, else a default; each with its source."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from calibration.adjustment.arm_terms import ArmPrior, arm_prior
-from calibration.adjustment.lens_terms import LensPrior, TargetPrior, lens_prior
+from calibration.adjustment.lens_terms import LensPrior, TargetPrior, lens_prior, target_prior
 from cell.formats.robot import Robot
 
 # Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
@@ -82,10 +82,8 @@ def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
 
 
 def _target(target: Mapping[str, Any]) -> tuple[TargetPrior, str]:
-    usual = TargetPrior()
-    scale, flat = target.get("scale_sigma"), target.get("flatness_m")
-    prior = replace(usual, scale=scale or usual.scale, bow=flat or usual.bow)
+    prior = target_prior(target)
     text = f"printed size {100 * prior.scale:g} %, flat to {1e3 * prior.bow:g} mm"
-    if scale is None and flat is None:
+    if target.get("scale_sigma") is None and target.get("flatness_m") is None:
         return prior, f"default: one sheet from an office printer ({text})"
     return prior, f"target.scale_sigma and target.flatness_m ({text})"

@@ -9,7 +9,10 @@ from pydantic import Field, model_validator
 from calibration.hand_eye.pnp import Poses, solve_pnp
 from calibration.hand_eye.views import CornerSet
 from calibration.targets import make_target
+from cell.devices import Intrinsics
 from cell.formats.bounds import (
+    RATIO,
+    AtMost,
     Joints,
     Pixel,
     Point,
@@ -29,9 +32,28 @@ Covariance = Annotated[
 ]
 
 
+Larger = Annotated[float, Field(gt=-1.0), AtMost(RATIO, "")]
+Sigma = Annotated[float, Field(ge=0.0), AtMost(RATIO, "")]
+
+
+class PrintedSize(Strict):
+    """How much larger a board is than configured along its axes, as shares, with standard deviations."""
+
+    x: Larger
+    y: Larger
+    sigma_x: Sigma
+    sigma_y: Sigma
+
+    @property
+    def factors(self) -> Array:
+        """(3,) of the target's points."""
+        return np.array([1.0 + self.x, 1.0 + self.y, 1.0])
+
+
 class LookTaken(Strict):
     """The board at the look: point ``ids[i]`` of the target at ``corners[i]``, mean of ``frames`` frames.
-    ``camera`` is as it tells itself; ``lens`` as the hand-eye was solved with, None without one."""
+    ``camera`` is as it tells itself; ``lens`` as the hand-eye was solved with, None without one; ``printed``
+    as the hand-eye found this board, None where it found another one or none."""
 
     q: Joints
     T_base_flange: Pose
@@ -40,6 +62,11 @@ class LookTaken(Strict):
     frames: int = Field(ge=1)
     camera: Camera
     lens: Camera | None = None
+    printed: PrintedSize | None = None
+
+    def lens_in_use(self) -> Intrinsics:
+        """That of the hand-eye, else as the camera tells it."""
+        return (self.lens or self.camera).intrinsics()
 
 
 class PointStood(Strict):
@@ -88,22 +115,23 @@ class TouchData(Strict):
     def arm(self) -> Robot:
         return parse_robot(self.robot, "robot")
 
-    def points(self, ids: list[int]) -> Array:
-        """(n, 3) m of the target."""
-        points: Array = make_target(self.spec).points[np.array(ids, dtype=int)]
-        return points
+
+def view_of(look: LookTaken, points: Array) -> CornerSet:
+    """The corners of the look with the target's ``points`` (n, 3) m."""
+    seen = points[np.array(look.ids)]
+    return CornerSet(seen, np.array(look.corners), np.full(len(look.ids), float(look.frames)))
 
 
-def view_of(target: dict[str, Any], look: LookTaken) -> CornerSet:
-    """The corners of the look with the target's points."""
-    points = make_target(target).points[np.array(look.ids)]
-    return CornerSet(points, np.array(look.corners), np.full(len(look.ids), float(look.frames)))
+def printed_points(target: dict[str, Any], look: LookTaken) -> Array:
+    """(n, 3) m of the target, of the size that the hand-eye found, else as configured."""
+    points = make_target(target).points
+    return points if look.printed is None else points * look.printed.factors
 
 
-def located(target: dict[str, Any], look: LookTaken) -> Poses:
-    """Where the camera saw the target, by the lens of the hand-eye; the first pose is the best."""
-    lens = look.lens or look.camera
-    poses = solve_pnp([view_of(target, look)], lens.intrinsics())[0]
+def located(look: LookTaken, points: Array) -> Poses:
+    """Where the camera saw the target with ``points``, by the lens of the hand-eye; the first pose is the
+    best."""
+    poses = solve_pnp([view_of(look, points)], look.lens_in_use())[0]
     if not np.isfinite(poses.C).all():
         raise ArithmeticError("the look's corners and the target's points give no pose")
     return poses

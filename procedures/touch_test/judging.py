@@ -7,8 +7,10 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtrc, chdtri
 
+from calibration.adjustment.lens_terms import LENS, TARGET, image_terms, target_prior, target_shape
 from calibration.refusal import Refusal
 from calibration.slot.arm_errors import arm_errors
+from calibration.targets import make_target
 from calibration.tool_frame.repeatability import stated_sigma
 from calibration.touch import CommonMotion, PointsOff, Standing, common_motion, over_points, points_off
 from cell.errors import error
@@ -16,7 +18,7 @@ from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.solving import refused, within_limits
 from procedures.touch_test.config import LEAST_WAY_DOWN_M
-from procedures.touch_test.data import LookTaken, TouchData, located, read_data_set
+from procedures.touch_test.data import LookTaken, TouchData, located, printed_points, read_data_set, view_of
 from procedures.touch_test.result import (
     CauseOff,
     CornerOff,
@@ -76,28 +78,32 @@ def require_clearance(data: TouchData) -> None:
             "ARGUMENT_INVALID",
             f"stand_off_m is {mm(config.stand_off_m, 1)}, and the height of the tool's point over point "
             f"{data.stood[k].corner} of '{config.target}' is known to {mm(needed, 1)} only "
-            f"(three standard deviations): take a thicker gauge and a larger stand_off_m{higher}, or "
-            "calibrate the camera anew",
+            f"(three standard deviations): take a thicker gauge and a larger stand_off_m{higher}, measure "
+            "the board and state its scale_sigma, or calibrate the camera anew with this board",
         )
 
 
 def _off(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff, dict[str, Array]]:
     """Where the tool's point stood, what it was off by there, and the covariances of that by cause."""
-    poses = located(data.spec, look)
-    standing, off = _points(data, look, poses.C[0])
+    printed = printed_points(data.spec, look)
+    poses = located(look, printed)
+    standing, off = _points(data, look, printed, poses.C[0])
     px = max(CORNER_PX, float(np.sqrt(poses.sse[0] / max(2 * poses.corners[0] - 6, 1))))
-    return standing, off, _sources(data, look, off, px**2 * poses.cov[0])
+    sources = _sources(data, look, off, px**2 * poses.cov[0])
+    by_board = _by_board(look, printed, standing, off)
+    return standing, off, sources | {"board": by_board @ _board_cov(data, look) @ by_board.T}
 
 
 def points_of(data: TouchData, look: LookTaken) -> tuple[Standing, PointsOff]:
     """Where the tool's point stood, and what it was off by there."""
-    return _points(data, look, located(data.spec, look).C[0])
+    printed = printed_points(data.spec, look)
+    return _points(data, look, printed, located(look, printed).C[0])
 
 
-def _points(data: TouchData, look: LookTaken, C: Array) -> tuple[Standing, PointsOff]:
+def _points(data: TouchData, look: LookTaken, printed: Array, C: Array) -> tuple[Standing, PointsOff]:
     F_look, X = from_pose6(look.T_base_flange).as_matrix(), from_pose6(data.T_flange_camera).as_matrix()
     flange = np.array([from_pose6(at.T_base_flange).as_matrix() for at in data.stood])
-    places = over_points(data.points([at.corner for at in data.stood]), C, data.job.stand_off_m)
+    places = over_points(printed[[at.corner for at in data.stood]], C, data.job.stand_off_m)
     standing = Standing(F_look, flange, X, C, np.array(data.tool), places)
     return standing, points_off(standing)
 
@@ -106,7 +112,7 @@ def _too_little(data: TouchData) -> Refusal | None:
     if len(data.stood) < FEWEST:
         text = f"the tool's point stood over {len(data.stood)} corners, {FEWEST} are needed"
         return Refusal("too-few-corners", text)
-    points = data.points([at.corner for at in data.stood])
+    points = make_target(data.spec).points[[at.corner for at in data.stood]]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < _LINE * spread[0]:
         return Refusal("corners-on-a-line", "the corners lie on a line; take some that do not")
@@ -130,6 +136,26 @@ def _sources(data: TouchData, look: LookTaken, off: PointsOff, seen: Array) -> d
         "look": camera @ seen @ camera.T,
         BY_HAND: config.stand_sigma_m**2 * np.eye(3 * k),
     }
+
+
+def _by_board(look: LookTaken, printed: Array, standing: Standing, off: PointsOff) -> Array:
+    """(3k, 5) what the points are off by for a unit of each number of ``TARGET``: it moves the board that the
+    camera locates, and the points over which the tool stood."""
+    view = view_of(look, printed)
+    shape = target_shape([view])
+    moves = image_terms([view], standing.C[None], look.lens_in_use(), shape).moves[0][:, len(LENS) :]
+    by_print = off.by_camera @ moves - shape.columns(standing.places)
+    return np.asarray(by_print.reshape(-1, len(TARGET)))
+
+
+def _board_cov(data: TouchData, look: LookTaken) -> Array:
+    """(5, 5) of the numbers of ``TARGET``: its size as the hand-eye found it, else its size and always its
+    bow as the hand-eye knows them beforehand."""
+    cov: Array = np.diag(target_prior(data.spec).sigma() ** 2)
+    if look.printed is not None:  # errors of the arm's lengths are in both axes alike
+        sigma = [look.printed.sigma_x, look.printed.sigma_y]
+        cov[:2, :2] = np.outer(sigma, sigma)
+    return cov
 
 
 def _result(
@@ -168,8 +194,8 @@ def _result(
             ],
         ),
         uncertainty=TouchUncertainty(
-            meaning="of shift and turn by what is known of hand-eye, arm, tool, look and hand; the arm's "
-            "errors are in the hand-eye's covariance as well, and count a second time there",
+            meaning="of shift and turn by what is known of hand-eye, board, arm, tool, look and hand; the "
+            "arm's errors are in the hand-eye's covariance as well, and count a second time there",
             cov=cov.tolist(),
             shift_95_m=shift_95,
             turn_95_rad=turn_95,
@@ -197,7 +223,7 @@ def _warnings(data: TouchData, residuals: TouchResiduals, free: int) -> list[tup
                 "touch.spread",
                 f"the corners scatter by {mm(residuals.rms_m)}, and stand_sigma_m is "
                 f"{mm(residuals.expected_m)}: bring the point there with more care, or see whether the board "
-                "is flat and was not moved",
+                "is flat and as large as stated, and was not moved",
             )
         )
     if data.tool_reference is None:

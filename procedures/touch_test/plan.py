@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.targets import make_target
 from calibration.touch import outermost, over_points, towards_camera
 from cell.errors import CellError, error, present
 from cell.guard import MotionGuard
@@ -15,7 +14,7 @@ from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.hand_eye_in_use import require_hand_eye
 from procedures.touch_test.config import TouchTestConfig
-from procedures.touch_test.data import LookTaken, located
+from procedures.touch_test.data import LookTaken, located, printed_points
 
 MOTION_ERRORS = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
 _SPINS = 12  # of the tool about its axis, of which the one that turns the joints least is taken
@@ -45,12 +44,12 @@ def plan_touch(values: RunValues, config: TouchTestConfig, look: LookTaken, q_no
     taken that the guard allows. ``BOARD_NOT_SEEN`` for corners that the look does not show, else
     ``MOTION_LIMIT``, ``MOTION_COLLISION`` or ``MOTION_UNREACHABLE`` of the turn that is nearest."""
     guard = lease_settings(values)[0]
-    target = dict(values.targets[config.target])
-    C = located(target, look).C[0]
+    printed = printed_points(dict(values.targets[config.target]), look)
+    C = located(look, printed).C[0]
     camera = from_pose6(look.T_base_flange) * require_hand_eye(values)
     T_base_target = camera * RigidTransform.from_matrix(C)
-    ids = _corners(config, look, make_target(target).points)
-    points = make_target(target).points[ids]
+    ids = _corners(config, look, printed)
+    points = printed[ids]
     up = T_base_target.rotation.apply([0.0, 0.0, towards_camera(C)])
     ways = [
         T_base_target.apply(over_points(points, C, height)) for height in (config.clear_m, config.stand_off_m)

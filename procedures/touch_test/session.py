@@ -21,9 +21,9 @@ from cell.procedure import FinishRequested, Run
 from cell.standstill import measured_standstill
 from cell.store.files import to_json, write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
-from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, require_hand_eye, solved_lens
+from procedures.hand_eye_in_use import HAND_EYE, arm_rms_m, found_size, require_hand_eye, solved_lens
 from procedures.touch_test.config import TouchTestConfig
-from procedures.touch_test.data import DATA_FILE, LookTaken, PointStood, TouchData
+from procedures.touch_test.data import DATA_FILE, LookTaken, PointStood, PrintedSize, TouchData
 from procedures.touch_test.judging import require_clearance
 from procedures.touch_test.plan import CornerPlan, TouchPlan, plan_touch
 from procedures.touch_test.states import State as S
@@ -117,6 +117,7 @@ class TouchRun:
             raise error("BOARD_NOT_SEEN", f"{text}; {FEWEST_SEEN} are needed")
         told = frames[0].intrinsics
         lens = solved_lens(run.values, HAND_EYE, told)
+        size = found_size(run.values, HAND_EYE, config.target)
         return LookTaken(
             q=[float(v) for v in np.mean([state.q for state in states], axis=0)],
             T_base_flange=_six(flange_poses(states).mean()),
@@ -125,6 +126,7 @@ class TouchRun:
             frames=len(frames),
             camera=Camera.of(told),
             lens=None if lens is None else Camera.of(lens),
+            printed=None if size is None else PrintedSize.model_validate(size),
         )
 
     # -- the corners

@@ -40,13 +40,16 @@ def scenario_with(folder: Path, old: str, new: str) -> str:
 def give_hand_eye(
     cell: ObjectCell, off: Sequence[float] = (0.0,) * 6, cov: Array = HAND_EYE_COV, **more: Any
 ) -> None:
-    """A calibration of the camera, ``off`` (6,) from the twin's own pose, with its stated covariance;
-    ``more`` is what else its answer says."""
+    """A calibration of the camera, ``off`` (6,) from the twin's own pose, with its stated covariance
+    and the board's size as configured; ``more`` is what else its answer says."""
     true = cell.plant.world.T_mount_camera
     T = [float(v) for v in to_pose6(true * exp_xi(np.asarray(off)))]
     nominal = list(cell.config.robot.T_flange_camera_nominal or [])
-    answer = {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET, **more}
+    size = {"x": 0.0, "y": 0.0, "sigma_x": 5e-5, "sigma_y": 5e-5}
+    answer = {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET, "target_scale": size, **more}
+    inputs = {"target": next(iter(cell.config.target.values()), None)}
     result = {"schema": "cellward.result/1", "kind": "hand-eye", "verdict": "pass", "result": answer}
+    result |= {"inputs": inputs}
     entry = on_disk(cell.ledger.propose, "T_flange_camera", T, result, 0, nominal)
     on_disk(cell.ledger.accept, entry, "test")
 

@@ -62,7 +62,8 @@ def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners
     async def act(cell: ObjectCell, person: Toucher) -> None:
         lens = cell.plant.world.intrinsics
         solved = {"width": lens.width, "height": lens.height, "K": list(lens.K), "dist": list(lens.dist)}
-        give_hand_eye(cell, lens={**solved, "rms_px": 0.1})
+        size = {"x": 1e-6, "y": -1e-6, "sigma_x": 1e-5, "sigma_y": 1e-5}
+        give_hand_eye(cell, lens={**solved, "rms_px": 0.1}, target_scale=size)
         give_reference(cell)
         found = await run_of(cell, person)
         assert (found["verdict"], found["warnings"]) == ("pass", [])
@@ -70,6 +71,7 @@ def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners
         assert (judged.good, judged.inside95) == (True, True), judged.text
         data = json.loads((cell.folder(1).path / "touch-test.json").read_text("utf-8"))
         assert data["look"]["lens"] == {**solved, "sigma": None}
+        assert data["look"]["printed"] == size
         assert shift_with_another_told_lens(cell.folder(1).path, tmp_path) == found["result"]["shift"]
         assert data["tool_reference"] == [0.001, 0.002, 0.18]
         assert found["result"]["shift_m"] < found["uncertainty"]["shift_95_m"] < 0.001
@@ -302,7 +304,7 @@ def test_a_height_that_is_not_known_to_the_stand_off_is_refused(
         give_hand_eye(cell, cov=900.0 * HAND_EYE_COV)
         refusal = await refused(cell.dry_run())
         assert refusal.name == "ARGUMENT_INVALID"
-        assert f"take a thicker gauge and a larger stand_off_m{higher}, or" in str(refusal)
+        assert f"take a thicker gauge and a larger stand_off_m{higher}, measure the" in str(refusal)
 
     scene_of(tmp_path, act, clear_m=clear_m)
 
