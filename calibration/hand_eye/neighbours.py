@@ -18,6 +18,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Problem
 from cell.poses import Array
 
+WIDEST_M = 1.0  # estimates that lie farther apart do not tell where a camera is
 _SINGULAR = 1e-9  # of the largest singular value: such motions share an axis, and X has a freedom
 
 
@@ -47,6 +48,10 @@ class Deviation:
 
     t: Array
     r: float
+
+    @property
+    def too_wide(self) -> bool:
+        return bool(np.linalg.norm(self.t) > WIDEST_M)
 
 
 def neighbour_estimates(problem: Problem, place: NDArray[np.int64]) -> list[NeighbourEstimates]:

@@ -106,6 +106,9 @@ class NeighbourSpread(Part):
     triples: int = Field(description="How many estimates there are.")
     skipped: int = Field(description="How many sets of three neighbours determine none.")
     order: str = Field(description="`planned`: by the place on the cone; `observations`: as they were taken.")
+    not_determined: str | None = Field(
+        default=None, description="In words, why a spread and the pose are not determined."
+    )
     verdict: str | None = Field(
         default=None,
         description="In words, whether they keep their limits; of a run that has limits for them.",

@@ -111,7 +111,8 @@ def _spread_judged(
             if limit is None:
                 continue
             if value is None:
-                beyond.append(f"{name}: too few poses or placements for a spread {where} placements")
+                why = f"too few poses or placements for a spread {where} placements"
+                beyond.append(f"{name}: {(spread and spread.not_determined) or why}")
             else:
                 text = f"{where} placements {show(value)}, the limit is {show(limit)}"
                 told.append(text)

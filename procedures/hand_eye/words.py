@@ -129,6 +129,8 @@ def _unweighted(classic: NeighbourSpread | None) -> list[str]:
         return []
     both = (("within", classic.within), ("across", classic.across))
     told = [f"{where} placements {mm(one.t_norm)}, {deg(one.r)}" for where, one in both if one is not None]
+    if classic.not_determined:
+        told.append(f"not determined: {classic.not_determined}")
     order = "the cone's order" if classic.order == "planned" else "the order in which they were taken"
     lines = [f"unweighted, from neighbours in {order}: spread {'; '.join(told)}"] if told else []
     return lines + ([f"the unweighted spreads are {classic.verdict}"] if classic.verdict else [])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.neighbours import (
+    WIDEST_M,
     Deviation,
     NeighbourEstimates,
     across,
@@ -23,6 +24,9 @@ from cell.poses import Array, to_pose6
 from procedures.hand_eye.result import NeighbourBase, NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.capture import CaptureSet
 
+TOO_WIDE = (
+    f"the estimates lie more than {WIDEST_M:g} m apart: neighbouring poses turn too little, or about one axis"
+)
 CLASSIC, CLASSIC_LEAST_SQUARES = "classic", "classic-least-squares"
 
 
@@ -35,7 +39,9 @@ class Neighbours:
     planned: bool  # in the order on the cone, else in that of the observations
 
     def pose(self, method: str) -> Array:
-        """X (4, 4) by ``method``; ``ARGUMENT_INVALID`` where no placement determines one."""
+        """X (4, 4) by ``method``; ``ARGUMENT_INVALID`` where the placements determine none."""
+        if method == CLASSIC and self._too_wide():
+            raise error("ARGUMENT_INVALID", f"method {method!r}: {TOO_WIDE}; leave --method out")
         X = mean_of_means(self.found, method == CLASSIC_LEAST_SQUARES)
         if X is None:
             raise error(
@@ -45,10 +51,14 @@ class Neighbours:
             )
         return X
 
+    def _too_wide(self) -> bool:
+        return any(of is not None and of.too_wide for of in (within(self.found), across(self.found)))
+
     def spread(self) -> NeighbourSpread:
         """``neighbour_spread`` of the result."""
         bases = sorted({int(b) for b in self.bases if b >= 0})
-        X = mean_of_means(self.found)
+        wide = self._too_wide()
+        X = None if wide else mean_of_means(self.found)
         return NeighbourSpread(
             within=_plain(within(self.found)),
             across=_plain(across(self.found)),
@@ -62,6 +72,7 @@ class Neighbours:
             triples=sum(len(p.X) for p in self.found),
             skipped=sum(p.skipped for p in self.found),
             order="planned" if self.planned else "observations",
+            not_determined=TOO_WIDE if wide else None,
         )
 
 
@@ -97,6 +108,6 @@ def _bases(told: Sequence[Observation], problem: Problem) -> NDArray[np.int64]:
 
 
 def _plain(found: Deviation | None) -> PlainSpread | None:
-    if found is None:
+    if found is None or found.too_wide:
         return None
     return PlainSpread(t=found.t.tolist(), t_norm=float(np.linalg.norm(found.t)), r=found.r)

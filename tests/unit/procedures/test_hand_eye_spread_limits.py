@@ -5,9 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from calibration.hand_eye.neighbours import NeighbourEstimates
+from cell.errors import InputError
 from procedures.hand_eye.comparison import compare_hand_eye
 from procedures.hand_eye.config import Acceptance
 from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.solve.neighbours import Neighbours
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.hand_eye.verdict import judged
 from procedures.hand_eye.words import spread_lines
@@ -59,6 +62,26 @@ def test_a_spread_that_cannot_be_computed_is_within_no_limit(found: HandEyeResul
     subject = judged(bare, Acceptance(**WIDE, max_spread_across_r_rad=0.1))
     assert subject.verdict == "fail"
     assert "too few poses or placements for a spread across placements" in subject.reasons[0]
+
+
+def test_estimates_that_lie_metres_apart_give_no_spread_and_no_pose_but_the_reason(
+    found: HandEyeResult,
+) -> None:
+    at = np.tile(np.eye(4), (2, 4, 1, 1))  # two placements of four estimates
+    at[:, 0, 0, 3] = 3.0
+    apart = [NeighbourEstimates(g, X, np.zeros((4, 3), dtype=np.int64), 0, X[1]) for g, X in enumerate(at)]
+    subject = Neighbours(apart, np.array([-1, -1]), planned=True)
+    spread = subject.spread()
+    assert (spread.within, spread.pose) == (None, None)
+    assert spread.across is not None, "the means agree"
+    result = found.changed(result=found.result.changed(neighbour_spread=spread))
+    told = "not determined: the estimates lie more than 1 m apart"
+    assert told in spread_lines(result.result)[-1]
+    beyond = judged(result, Acceptance(**WIDE, max_spread_within_t_m=0.1))
+    assert beyond.reasons[0].startswith("max_spread_within_t_m: the estimates lie more than 1 m apart")
+    with pytest.raises(InputError, match="'classic': the estimates lie more than 1 m apart"):
+        subject.pose("classic")
+    np.testing.assert_allclose(subject.pose("classic-least-squares"), np.eye(4), atol=1e-12)
 
 
 def test_a_comparison_shows_the_spreads_of_both(found: HandEyeResult) -> None:
