@@ -55,16 +55,16 @@ def _arm_text(prior: ArmPrior) -> str:
 
 def shared_source(t: float, r: float) -> str:
     """What is known of an arm whose joints are not given: one axis of its flange is off by m and rad."""
-    shared = f"errors that neighbouring poses share ({_sizes(t, r)} an axis of the flange)"
-    return f"{shared}, their scale by the data"
+    assumed = f"assumed of the arm before the data: {_sizes(t, r)} an axis of the flange"
+    return f"errors that neighbouring poses share ({assumed}), their scale by the data"
 
 
 def without_joints(why: str, t: float, r: float) -> tuple[str, str]:
     """The warning that there are no joints, ``why``, and how large the errors are that were found: m, rad."""
     return NO_ARM, (
-        f"{why}: errors of the flange that neighbouring poses share ({_sizes(t, r)} an axis) are in the "
-        "uncertainty as far as these poses show them; robot and q of every observation tell the arm's "
-        "geometry"
+        f"{why}: errors of the flange that neighbouring poses share ({_sizes(t, r)} an axis by the data) are "
+        "in the uncertainty as far as these poses show them; robot and q of every observation tell the "
+        "arm's geometry"
     )
 
 

@@ -114,9 +114,10 @@ def test_without_joints_the_result_has_the_errors_that_neighbouring_poses_share(
     assert "no q of every observation" in warning["text"]
     noise = subject["result"]["noise"]
     assert 5e-5 < noise["sigma_shared_t"] < 2e-3
-    assert f"{1e3 * noise['sigma_shared_t']:.2g} mm" in warning["text"]
+    assert f"({1e3 * noise['sigma_shared_t']:.2g} mm" in warning["text"]
+    assert "an axis by the data)" in warning["text"]
     assert set(subject["result"]["unknowns"]) == {"lens", "target"}
-    assert "neighbouring poses share" in subject["uncertainty"]["priors"]["arm"]
+    assert "share (assumed of the arm before the data: " in subject["uncertainty"]["priors"]["arm"]
     assert subject["verdict"] == "warn"
 
 
