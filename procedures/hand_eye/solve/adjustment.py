@@ -61,7 +61,9 @@ def why_not(loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution, mea
     if not bare:
         return ""
     index = loaded.indices[int(rows[bare[0]])]
-    return f"the corners of every observation are needed, and {index} gives a bare T_camera_target"
+    return (
+        f"the corners of every observation are needed, and observation {index} gives a bare T_camera_target"
+    )
 
 
 def by_adjustment(

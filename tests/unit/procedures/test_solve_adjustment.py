@@ -169,5 +169,5 @@ def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
     for observation, C in zip(document["observations"], scene.camera_target, strict=True):
         del observation["corners"]
         observation["T_camera_target"] = to_pose6(C).tolist()
-    with pytest.raises(InputError, match="the corners of every observation are needed, and 0 gives a bare"):
+    with pytest.raises(InputError, match="every observation are needed, and observation 0 gives a bare"):
         solved(tmp_path, document, "adjustment")
