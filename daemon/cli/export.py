@@ -74,9 +74,9 @@ def export(
         if name or form or output:
             raise error("ARGUMENT_INVALID", "--parquet is of the whole store: leave out NAME, -f and -o")
         return _tables(parquet, cell_paths(config))
-    if name is None or form is None:
+    if name is None:
         raise error("ARGUMENT_INVALID", "give NAME and --format, or --parquet FILE for the whole store")
-    if form not in FORMATS:
+    if form is not None and form not in FORMATS:
         near = get_close_matches(form, FORMATS, n=1)
         fix = f"did you mean {near[0]}?" if near else f"there is {', '.join(FORMATS)}"
         raise error("ARGUMENT_INVALID", f"--format {form} is not known; {fix}")
@@ -132,12 +132,15 @@ def _tables(file: Path, paths: CellPaths) -> None:
         say(f"{path} has {lines} lines.")
 
 
-def written(exported: Any, form: str) -> str:
-    """The text of the file; ``ARGUMENT_INVALID`` for a form that makes no sense for this calibration."""
+def written(exported: Any, form: str | None) -> str:
+    """The text of the file; ``ARGUMENT_INVALID`` for a form that makes no sense for this calibration, or for
+    none."""
     kind = "other arm" if exported.kind == "kinematics" and exported.ur_model is None else exported.kind
+    fits = ", ".join(_FITS[kind])
+    if form is None:
+        raise error("ARGUMENT_INVALID", f"give --format for {exported.name}; it can be exported as {fits}")
     if form not in _FITS[kind]:
         why = _WHY_NOT.get((exported.kind, form), "is neither a pose nor an arm's kinematics")
-        fits = ", ".join(_FITS[kind])
         raise error("ARGUMENT_INVALID", f"{exported.name} {why}; it can be exported as {fits}")
     if form == "json":
         from cell.store.files import to_json

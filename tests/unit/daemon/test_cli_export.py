@@ -369,6 +369,13 @@ def test_a_delay_is_exported_as_its_value(cell: Cell, subject: CommandLine) -> N
     assert found["uncertainty"] == {"meaning": "the result states no uncertainty"}
 
 
+def test_a_name_without_a_form_is_told_its_forms(cell: Cell, subject: CommandLine) -> None:
+    cell.commit("time_offset_s.beams", 0.008, result("latency", {"time_offset_s": 0.008}))
+    ran = subject("export", "time_offset_s.beams")
+    assert (ran.code, ran.out) == (2, "")
+    assert "give --format for time_offset_s.beams; it can be exported as yaml, json" in ran.err
+
+
 def test_what_is_not_committed_is_not_exported(cell: Cell, subject: CommandLine) -> None:
     assert "nothing is committed in this cell yet" in subject("export", "T_flange_camera", "-f", "json").err
     cell.commit("T_flange_tool.pin", TOOL, LASER)
