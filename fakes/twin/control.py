@@ -75,7 +75,11 @@ def ask(folder: Path, request: Request) -> Any:
             with link.makefile("rb") as stream:
                 reply = json.loads(stream.readline(LINE_LIMIT))
         except (OSError, ValueError) as exc:
-            raise error("DEVICE_UNREACHABLE", f"no twin answers in {folder}: {exc}") from exc
+            failure = error("DEVICE_UNREACHABLE", f"no twin answers in {folder}: {exc}")
+            failure.hint = (
+                "Start one with 'cellward-twin --scenario NAME', or give the folder of yours with --out."
+            )
+            raise failure from exc
     if not reply["ok"]:
         raise error(reply["name"], reply["detail"])
     return reply["value"]

@@ -120,6 +120,9 @@ def test_commands_without_a_twin_say_so(tmp_path: Path) -> None:
     done = Running(None, tmp_path).call("truth")  # type: ignore[arg-type]
     assert done.returncode == 3
     assert "no twin answers" in done.stderr
+    assert "--scenario NAME" in done.stderr
+    assert "--out" in done.stderr
+    assert "power" not in done.stderr
 
 
 def test_the_operator_places_the_target_counted_from_one(subject: Running) -> None:
