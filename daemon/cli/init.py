@@ -1,6 +1,7 @@
 """``cellward init``: a first cell.toml, from questions, from options, or the whole commented example."""
 
 import sys
+import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,11 @@ from cell.errors import error
 from daemon.cli.output import out, say
 
 DEFAULT_NAME, DEFAULT_MODEL, DEFAULT_ARM = "cell", "ur10e", "192.168.10.20"
+
+TO_EDIT = (
+    "Edit the addresses, payload and tool, the [limits] with the workspace, the nominal poses, and the "
+    "printed size of the board; poses are taught with 'cellward pose save'."
+)
 
 
 def init(
@@ -62,17 +68,27 @@ def init(
             file.write(text)
     except OSError as exc:
         raise error("ARGUMENT_INVALID", f"{output} cannot be written: {exc.strerror or exc}") from exc
-    say(f"{output} is written. Edit the addresses, then: cellward check --config {output}")
+    say(f"{output} is written. {TO_EDIT} Then: cellward check --config {output}")
 
 
 def _drafted(given: dict[str, Any]) -> str:
     from calibration.kinematics.ur_models import UR_MODELS
     from daemon.config.draft import Cell, draft
+    from daemon.config.drivers import DRIVERS
+    from daemon.config.findings import ConfigInvalid, Findings
+    from daemon.config.load import check_config
+    from procedures.registry import JOBS
 
     cell = Cell(**{"name": DEFAULT_NAME, "model": DEFAULT_MODEL, "arm": DEFAULT_ARM, **given})
     if cell.model not in UR_MODELS:
         raise error("ARGUMENT_INVALID", f"--model {cell.model}: there is {', '.join(UR_MODELS)}")
-    return draft(cell)
+    text = draft(cell)
+    try:
+        check_config(tomllib.loads(text), Findings("draft"), JOBS, DRIVERS, Path("cell.toml"))
+    except ConfigInvalid as exc:
+        why = "; ".join(finding.partition(": ")[2] for finding in exc.findings)
+        raise error("ARGUMENT_INVALID", f"nothing is written: {why}") from None
+    return text
 
 
 def _asked() -> dict[str, Any]:

@@ -54,7 +54,7 @@ _PARTS = {
 
 @dataclass(frozen=True)
 class Cell:
-    """What a cell has. Addresses are taken as given; ``cellward check`` judges them."""
+    """What a cell has. Addresses are taken as given; ``check_config`` judges them."""
 
     name: str
     model: str

@@ -10,6 +10,7 @@ import pytest
 from daemon.cli import init
 from daemon.cli.poses import with_pose
 from daemon.config import init_text, load_config
+from daemon.config.draft import Cell, draft
 from daemon.predictions import found_in, predictions
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 
@@ -140,5 +141,36 @@ def test_what_cannot_be_meant_is_refused(subject: CommandLine) -> None:
     assert subject("init", "--model", "ur99").code == 2
 
 
-def test_a_name_with_a_quote_stays_one_text(subject: CommandLine) -> None:
-    assert tomllib.loads(subject("init", "--name", 'a"b\\c').out)["cell"]["name"] == 'a"b\\c'
+def test_an_address_with_a_quote_stays_one_text() -> None:
+    told = tomllib.loads(draft(Cell("cell", "ur10e", 'a"b\\c')))
+    assert told["device"]["arm"]["host"] == 'a"b\\c'
+
+
+def test_a_name_that_no_cell_may_have_is_refused(subject: CommandLine) -> None:
+    assert "nothing is written: cell.name: " in subject("init", "--name", 'a"b\\c').err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "finding"),
+    [
+        ("--arm", "999.1.1", "device.arm.host: '999.1.1' is no IP address"),
+        ("--beams", "192.168.3.20", "device.beams.url"),
+        ("--tracker", "foo", "device.tracker.url"),
+        ("--belt", "can0", "device.belt.bus"),
+        ("--plc", "10.0.0.300", "modbus.allow_clients[0]"),
+    ],
+)
+def test_an_address_that_check_would_refuse_is_refused_and_nothing_is_written(
+    subject: CommandLine, tmp_path: Path, option: str, value: str, finding: str
+) -> None:
+    path = tmp_path / "new.toml"
+    done = subject("init", "-o", path, option, value)
+    assert done.code == 2
+    assert finding in done.err
+    assert not path.exists()
+
+
+def test_the_last_line_names_all_that_has_to_be_edited(subject: CommandLine, tmp_path: Path) -> None:
+    said = subject("init", "-o", tmp_path / "new.toml", *OPTIONS["camera"]).err
+    for what in ("addresses", "payload", "tool", "[limits]", "nominal poses", "board", "cellward pose save"):
+        assert what in said
