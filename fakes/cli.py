@@ -62,7 +62,11 @@ def twin(
 
     It writes a cell.toml for 'cellward run' into its folder, and prints where.
     """
-    if context.invoked_subcommand is not None:
+    if (command := context.invoked_subcommand) is not None:
+        source = context.get_parameter_source("folder")
+        if source is not None and source.name == "COMMANDLINE":
+            text = f"it belongs behind the command, as in: cellward-twin {command} ... --out {folder}"
+            raise typer.BadParameter(text, param_hint="--out")
         return
     if scenario is None:
         from fakes.world.scenario import shipped_scenarios
