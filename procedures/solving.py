@@ -43,6 +43,12 @@ def within_limits(solver: Callable[P, T]) -> Callable[P, T]:
     return call
 
 
+def require_no_method(kind: str, method: str | None) -> None:
+    """``ARGUMENT_INVALID`` for a ``method`` that was asked of a ``kind`` with a single one."""
+    if method is not None:
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; {kind} has one only, leave it out")
+
+
 def refused(
     kind: str,
     refusal: Refusal,

@@ -51,7 +51,7 @@ from procedures.hand_eye.solve.solver import given_noise, measurements, one_thre
 from procedures.laser.config import Search
 from procedures.laser.measurement import reference_of
 from procedures.laser.result import LaserResult
-from procedures.solving import Progress, within_limits
+from procedures.solving import Progress, require_no_method, within_limits
 from procedures.touch_test.data import read_data_set, view_of
 from procedures.touch_test.judging import CORNER_PX, FEWEST
 from procedures.tracker.solve.data import load_kincal
@@ -78,8 +78,7 @@ def solve_cross_check(
     path: Path, *, method: str | None = None, progress: Progress | None = None
 ) -> CrossCheckResult | Result:
     """The result of a ``cellward.cross-check/1``: its folder, or the file. Bad input: an ``InputError``."""
-    if method is not None:
-        raise error("ARGUMENT_INVALID", f"method is {method!r}; cross-check has one only, leave it out")
+    require_no_method("cross-check", method)
     file = path / FILE_NAME if path.is_dir() else path
     asked = parse(CrossCheckSet, read_json(file), SCHEMA, str(file))
     given = (asked.beams, asked.tracker, asked.touch)

@@ -16,7 +16,7 @@ from calibration.touch import CommonMotion, PointsOff, Standing, common_motion, 
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6, to_pose6
-from procedures.solving import refused, within_limits
+from procedures.solving import Progress, refused, require_no_method, within_limits
 from procedures.touch_test.config import LEAST_WAY_DOWN_M
 from procedures.touch_test.data import LookTaken, TouchData, located, printed_points, read_data_set, view_of
 from procedures.touch_test.result import (
@@ -46,8 +46,11 @@ _NOT_TOLD = (
 
 
 @within_limits
-def solve_touch_test(path: Path) -> TouchResult | Result:
-    """The result from a run's folder or its ``touch-test.json``."""
+def solve_touch_test(
+    path: Path, *, method: str | None = None, progress: Progress | None = None
+) -> TouchResult | Result:
+    """The result from a run's folder or its ``touch-test.json``; too soon over for any ``progress``."""
+    require_no_method("touch-test", method)
     data, file = read_data_set(path)
     began = time.perf_counter()
     inputs = TouchInputs(
