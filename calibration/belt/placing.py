@@ -33,8 +33,8 @@ def off_by_camera(points: Array, T_base_camera: RigidTransform, lens: Intrinsics
 def camera_cov(cov: Array, with_lens: Array | None, told: LensPrior | None) -> Array:
     """(14, 14) of pose and lens, from the pose's ``cov`` (6, 6), and that of both, ``with_lens``, if known.
 
-    ``told``: how well a lens is known that was not found with the pose. One that was needs nothing beside
-    ``cov``, which has it as an unknown: without what goes together that is more, not less.
+    ``told``: how well a lens is known that was not found with the pose. One that was adjusted with it needs
+    nothing beside ``cov``, which has it as an unknown: without what goes together that is more, not less.
     """
     if told is None and with_lens is not None:
         return with_lens

@@ -73,8 +73,8 @@ fault back. Where motion is locked, as after a protective stop, `ready` stays 0 
 reads 1 when the command was taken, and 2 from then on while `done` is set: after a start, once its job has
 come to its end. `packml_state` stays where the last run ended until the next start or a reset.
 
-The progress of a job in percent is 100 * `step` / `steps`. The crossed beams count ways there and back,
-of the most that their plan has, in all scans that they expect to make.
+The progress of a job in percent is 100 * `step` / `steps`; with `steps` 0 it is not known yet. The crossed
+beams count ways there and back, of the most that their plan has, in all scans that they expect to make.
 
 ## What was put into effect
 

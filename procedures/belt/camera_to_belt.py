@@ -71,7 +71,10 @@ class CameraToBelt:
         lens, stated, given = solved_lens(self._values, NAME, told), self._stated, self._look.camera_sigma
         sigma = None if given is None else given.model_dump(exclude_none=True)
         prior = None if lens is not None else lens_prior(sigma)
-        cov = camera_cov(stated["cov"], stated.get("lens_cov"), prior) if "cov" in stated else None
+        cov = None
+        # Beside a lens that was estimated without an adjustment the covariance takes the arm as exact.
+        if "cov" in stated and (lens is None or "budget" in stated):
+            cov = camera_cov(stated["cov"], stated.get("lens_cov"), prior)
         return {
             "T_base_camera": to_pose6(self.T_base_camera).tolist(),
             "told": {**asdict(told), "sigma": sigma},

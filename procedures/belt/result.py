@@ -43,7 +43,10 @@ class BeltUncertainty(Part):
     half_m_per_count: Metres | None = Field(description="Half of the 95 % interval of the travel.")
     half_dir_rad: Radians | None = Field(description="Half of that of the direction.")
     cov: BeltCovariance | None = Field(description="3x3, of `m_per_count` times `dir` (m^2).")
-    mostly_from: str | None = Field(description="What the intervals come from mostly.")
+    mostly_from: str | None = Field(
+        description="What the scale's interval comes from mostly: `sightings`, `frames`, `items`, `picture`, "
+        "`counts`, `slips`, `delay` or `lens`."
+    )
 
 
 class SightingResidual(Part):

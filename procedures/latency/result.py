@@ -32,7 +32,7 @@ class LatencyUncertainty(Part):
     look_s: Seconds | None = Field(
         default=None,
         description="The most that all edges of a beam may be off alike, by where between a request and its "
-        "reply the module looks. The interval has it in full, sigma_s does not.",
+        "reply the module looks. The interval has it in full, sigma_s as scatter only.",
     )
 
 

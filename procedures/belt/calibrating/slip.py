@@ -14,7 +14,7 @@ from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, waves
 
 _SIGMAS = 4.5  # the largest of as many steps as there are frames
-SURE = 6.0  # a slip that is told by less may be chance, once in thousands of runs
+SURE = 6.0  # a slip that is told by less may be noise
 _FEWEST_FRAMES = 6
 _MOST = 5  # slips; with more the wheel does not follow the belt at all
 

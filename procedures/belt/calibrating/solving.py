@@ -14,6 +14,7 @@ from cell.formats.intercept import ItemsCamera
 from cell.formats.reading import parse_part
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
+from procedures.belt.calibrating.delay import DELAY, with_delay
 from procedures.belt.calibrating.record import read_data_set
 from procedures.belt.calibrating.rows import SightingRows, parts_of, rows_of
 from procedures.belt.calibrating.slip import SURE, Parted, WheelSlip, part_at_slips
@@ -36,7 +37,11 @@ _NORMAL95 = 1.96
 _STANDS_COUNTS = 2.0
 _BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
 _LONGER = "let more items pass, over a longer way"
-_FIND_LENS = "mostly by the camera's lens, which its pose in effect has not: run cone-capture"
+_REMEDIES = {
+    LENS: "mostly because the camera's calibration has no lens for these pictures: run cone-capture",
+    DELAY: "mostly because counts may be late against pictures: keep the belt at an even speed while items "
+    "are in view",
+}
 _MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
 _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
 
@@ -66,10 +71,12 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
         answer, rows = parted.answer, parted.rows
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
-        sure = with_camera(with_doubt(sure, answer, parted.doubt), answer, *_camera(data, rows, config))
-        if (seen := data.get("camera")) is not None and seen["lens"] is None:
-            told = parse_part(ItemsCamera, seen, f"{path}: camera")
-            sure = with_lens(sure, answer, lens_slopes(answer, rows, told))
+        sure = with_delay(with_doubt(sure, answer, parted.doubt), answer, rows)
+        sure = with_camera(sure, answer, *_camera(data, rows, config))
+        if (seen := data.get("camera")) is not None:
+            camera = parse_part(ItemsCamera, seen, f"{path}: camera")
+            if camera.lens is None:
+                sure = with_lens(sure, answer, lens_slopes(answer, rows, camera))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     up, down = _ways(rows)
     sense = -1.0 if up < down else 1.0
@@ -82,8 +89,8 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
             f"the belt ran {there:.2f} m and {back:.2f} m back; dir is the longer way: is it the usual one?"
         )
         warnings.append(Warning_(code="belt.both-ways", text=text))
-    by_lens = sure is not None and sure.by == LENS
-    reasons = _beyond(answer, config["accept"], _FIND_LENS if by_lens else _LONGER)
+    remedy = _LONGER if sure is None else _REMEDIES.get(sure.by, _LONGER)
+    reasons = _beyond(answer, config["accept"], remedy)
     if parted.left is not None:
         reasons.append(
             f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; repair the wheel"
@@ -192,8 +199,8 @@ def _result(answer: BeltScale, sense: float, way: Any, items: int) -> BeltAnswer
     )
 
 
-def _beyond(answer: BeltScale, limits: Mapping[str, Any], more: str) -> list[str]:
-    """The limits that the answer misses, each in a sentence; ``more`` is what makes it surer."""
+def _beyond(answer: BeltScale, limits: Mapping[str, Any], remedy: str) -> list[str]:
+    """The limits that the answer misses, each in a sentence; ``remedy`` is what makes the scale surer."""
     reasons = []
     half, angle, heldout = answer.half_scale, answer.half_angle, answer.heldout
     if half is None or angle is None:
@@ -201,12 +208,12 @@ def _beyond(answer: BeltScale, limits: Mapping[str, Any], more: str) -> list[str
     if (share := half / answer.m_per_count) > limits["max_scale_share"]:
         reasons.append(
             f"max_scale_share: m_per_count is known to {100 * share:.3f} % (95 %), the limit is "
-            f"{100 * limits['max_scale_share']:g} %; {more}"
+            f"{100 * limits['max_scale_share']:g} %; {remedy}"
         )
     if angle > limits["max_dir_rad"]:
         reasons.append(
             f"max_dir_rad: dir is known to {1e3 * angle:.2f} mrad (95 %), the limit is "
-            f"{1e3 * limits['max_dir_rad']:g} mrad; {more}"
+            f"{1e3 * limits['max_dir_rad']:g} mrad; {_LONGER}"
         )
     if heldout is not None and heldout > limits["max_heldout_m"]:
         reasons.append(
@@ -237,9 +244,12 @@ def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[War
 
 def _slipped(slip: WheelSlip, sense: float) -> Warning_:
     """A slip that is taken out; ``sense`` is that of the counts."""
-    text = f"{_slip_words(slip, sense)}; items were taken as others from there on. Look at the wheel"
+    text = (
+        f"{_slip_words(slip, sense)}; items were taken as others from there on. Look at the wheel, and, "
+        "where the belt braked or set out then, measure how late camera and encoder are (latency-calibration)"
+    )
     if slip.sigmas < SURE:
-        text += ", unless it was chance: the interval holds without a slip, too"
+        text += ". It may be noise: the interval holds without a slip, too"
     return Warning_(code="belt.slip", text=text)
 
 

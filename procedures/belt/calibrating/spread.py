@@ -40,7 +40,7 @@ class BeltUncertainty:
     """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane), and the ``cov`` (3, 3) of
     ``m_per_count * dir``; ``by`` names what makes most of the scale's: single ``sightings``, what all of one
     of the ``frames``, of the ``items`` or at one place of the ``picture`` share, the rounding of ``counts``,
-    ``slips`` that may be none, or the camera's ``lens``."""
+    ``slips`` that may be none, a ``delay`` of the counts, or the camera's ``lens``."""
 
     half_scale: float
     half_angle: float
@@ -86,14 +86,19 @@ def with_camera(
 
 def with_doubt(sure: BeltUncertainty, answer: BeltScale, doubt: float) -> BeltUncertainty:
     """``sure`` with a scale that may be off by ``doubt`` (m): the interval holds by either of two answers."""
+    return widened(sure, answer, doubt, _SLIPS)
+
+
+def widened(sure: BeltUncertainty, answer: BeltScale, doubt: float, by: str) -> BeltUncertainty:
+    """``sure`` with a half interval of the scale that is longer by ``doubt`` (m), and the ``cov`` of that."""
     if doubt == 0.0:
         return sure
-    onto = np.outer(answer.direction, answer.direction)
+    half, onto = sure.half_scale + doubt, np.outer(answer.direction, answer.direction)
     return replace(
         sure,
-        half_scale=sure.half_scale + doubt,
-        cov=sure.cov + (doubt / _NORMAL95) ** 2 * onto,
-        by=_SLIPS if doubt > sure.half_scale else sure.by,
+        half_scale=half,
+        cov=sure.cov + (half**2 - sure.half_scale**2) / _NORMAL95**2 * onto,
+        by=by if doubt > sure.half_scale else sure.by,
     )
 
 
@@ -104,7 +109,7 @@ def lens_slopes(answer: BeltScale, rows: SightingRows, camera: ItemsCamera) -> A
     known = lens_prior(None if told.sigma is None else told.sigma.model_dump())
     by_lens = off_by_camera(rows.points[used], T, told.intrinsics())[:, :, POSE:] * known.sigma()
     item = indicators(rows.items[used])
-    weight = _beside_own_mean(rows.counts[used] * answer.m_per_count, item)
+    weight = beside_own_mean(rows.counts[used] * answer.m_per_count, item)
     return _axes(answer.direction)[:2, :2] @ np.tensordot(weight / (weight @ weight), by_lens, 1)
 
 
@@ -149,13 +154,13 @@ class _Effects:
         used = answer.used[near]
         travel, at = rows.counts[near] * answer.m_per_count, rows.points[near] @ answer.direction
         item, frame = indicators(rows.items[near]), indicators(rows.t[near])
-        self._weight = _beside_own_mean(travel, item, used)
+        self._weight = beside_own_mean(travel, item, used)
         self._weight /= float(self._weight @ self._weight)  # of each sighting in the slope
         self._rounding = 0.0  # variance in the slope along the belt
         if rows.rounding is not None:
             left = rounding_variance(self._weight, rows.rounding[near])
             self._rounding = answer.m_per_count**2 * left
-        taken = np.column_stack([item / np.linalg.norm(item, axis=0), _beside_own_mean(travel, item)])
+        taken = np.column_stack([item / np.linalg.norm(item, axis=0), beside_own_mean(travel, item)])
         taken[:, -1] /= np.linalg.norm(taken[:, -1])
         self._taken = taken
         self._freedom = len(at) - taken.shape[1]
@@ -214,7 +219,7 @@ def indicators(of: NDArray[np.generic]) -> Array:
     return np.eye(len(count))[column]
 
 
-def _beside_own_mean(x: Array, item: Array, used: NDArray[np.bool_] | None = None) -> Array:
+def beside_own_mean(x: Array, item: Array, used: NDArray[np.bool_] | None = None) -> Array:
     """``x`` (k,) beside its mean over the same ``item`` (k, c); of those in use alone, and 0 elsewhere."""
     use = np.ones(len(x)) if used is None else used.astype(float)
     mean = (item.T @ (use * x)) / np.maximum(item.T @ use, 1.0)

@@ -89,7 +89,7 @@ def assert_lens_is_kept_and_missed(run: Any, world: World) -> None:
     found = solve_belt(path, run.info["job_config"])
     assert found["verdict"] == "fail"
     assert (
-        "mostly by the camera's lens, which its pose in effect has not: run cone-capture"
+        "mostly because the camera's calibration has no lens for these pictures: run cone-capture"
         in found["reasons"][0]
     )
     assert found["uncertainty"]["mostly_from"] == "lens"

@@ -12,7 +12,8 @@ from calibration.belt.scale import BeltScale, fit_scale
 from cell.formats.capture import Camera
 from cell.formats.intercept import ItemsCamera
 from cell.poses import to_pose6
-from procedures.belt.calibrating.rows import counts_at, rounding_variance
+from procedures.belt.calibrating.delay import with_delay
+from procedures.belt.calibrating.rows import SightingRows, counts_at, rounding_variance
 from procedures.belt.calibrating.slip import find_slip, part_at_slips
 from procedures.belt.calibrating.spread import (
     lens_slopes,
@@ -29,6 +30,7 @@ from tests.kit.belt_sightings import (
     SCALE,
     SEEN,
     USUAL,
+    WAY,
     Coverage,
     Error,
     Feed,
@@ -216,3 +218,41 @@ def test_what_sightings_share_is_not_taken_for_a_slip(error: Error) -> None:
         answer = fit_scale(rows.points, rows.counts, rows.items)
         assert isinstance(answer, BeltScale)
         assert find_slip(answer, rows) is None
+
+
+def fit(data: SightingRows) -> BeltScale:
+    answer = fit_scale(data.points, data.counts, data.items)
+    assert isinstance(answer, BeltScale)
+    return answer
+
+
+def braking(rng: np.random.Generator, feed: Feed, late_m: float) -> SightingRows:
+    """The belt brakes to a fifth over four frames; counts are as late as ``late_m`` is of way before."""
+    data = seen(rng, feed=feed)
+    frame = np.round(data.t / 0.1).astype(int)
+    at = rng.integers(2, feed.frames - 6)
+    speed = np.interp(np.arange(feed.frames), [at, at + 4], [1.0, 0.2])  # of the speed before
+    t = np.concatenate([[0.0], np.cumsum(0.2 / (speed[1:] + speed[:-1]))])
+    return replace(data, t=t[frame], points=data.points - late_m * speed[frame][:, None] * WAY)
+
+
+@pytest.mark.parametrize("feed", [USUAL, MANY, FEW], ids=["usual", "many", "few"])
+@pytest.mark.parametrize("late_m", [0.0, 1e-4, 4e-4])
+def test_counts_that_are_late_where_the_belt_brakes_are_in_the_interval(feed: Feed, late_m: float) -> None:
+    held = []
+    for seed in range(RUNS // 2):
+        data = braking(np.random.default_rng([seed, 11]), feed, late_m)
+        parted = part_at_slips(fit(data), data)
+        sure = spread(parted.answer, parted.rows)
+        assert sure is not None
+        sure = with_delay(with_doubt(sure, parted.answer, parted.doubt), parted.answer, parted.rows)
+        held.append(abs(parted.answer.m_per_count - SCALE) <= sure.half_scale)
+    assert np.mean(held) >= HELD[0]
+
+
+def test_a_delay_costs_nothing_at_an_even_speed() -> None:
+    data = seen(np.random.default_rng(3))
+    answer = fit(data)
+    sure = spread(answer, data)
+    assert sure is not None
+    assert with_delay(sure, answer, data).half_scale == pytest.approx(sure.half_scale, rel=1e-6)

@@ -26,9 +26,9 @@ SIGMA = {"f": 0.01}
 @pytest.mark.parametrize(
     ("result", "lens", "of_lens"),
     [
-        ({"lens": FOUND, "cov": COV, "lens_cov": WITH_LENS}, FOUND, [1e-7**0.5] * 8),
-        ({"lens": FOUND, "cov": COV}, FOUND, [0.0] * 8),
-        ({"intrinsics": FOUND, "cov": COV}, FOUND, [0.0] * 8),
+        ({"lens": FOUND, "cov": COV, "budget": [], "lens_cov": WITH_LENS}, FOUND, [1e-7**0.5] * 8),
+        ({"lens": FOUND, "cov": COV, "budget": []}, FOUND, [0.0] * 8),
+        ({"intrinsics": FOUND, "cov": COV}, FOUND, None),  # takes the arm as exact: stated far too little
         (
             {"lens": {**FOUND, "width": 640}, "cov": COV, "lens_cov": WITH_LENS},
             None,
