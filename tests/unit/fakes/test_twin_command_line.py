@@ -1,5 +1,6 @@
-"""The folder that ``cellward-twin`` asks a twin in."""
+"""The folder that ``cellward-twin`` asks a twin in, and the page that tells how to play a cell by hand."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,3 +33,13 @@ def test_no_other_twin_is_asked_than_the_one_that_is_named(
     assert seen == asked
     assert result.exit_code == (0 if asked else 2)
     assert asked or "belongs behind the command" in " ".join(result.output.replace("│", " ").split())
+
+
+def test_the_page_confirms_what_its_jobs_ask() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "twin.md").read_text("utf-8")
+    lines = page.partition("export CELLWARD_CONFIG")[2].partition("```")[0].splitlines()
+    started = {line.split()[2]: next_line for line, next_line in pairwise(lines) if " start laser-" in line}
+    asks = {job: next_line.startswith("cellward confirm ID") for job, next_line in started.items()}
+    assert asks == {"laser-reference": True, "laser-check": False, "laser-update": True}
+    (automatic,) = [line for line in page.splitlines() if "--operator auto" in line]
+    assert "`cellward confirm ID` remains for you" in automatic
