@@ -44,7 +44,7 @@ def rehearse(
     say(f"Rehearsing {job} of cell '{loaded.cell.name}' on a twin of it; nothing real is opened or moved.")
     for number in range(seed, seed + times):
         folder = (output / f"{job}-{number}").absolute()
-        begin_in(folder, STATE)
+        begin_in(folder, STATE, "rehearsal")
         logging.basicConfig(filename=folder / "rehearsal.log", level=logging.INFO, force=True)
         outcome = play(loaded, path, job, number, folder, tool)
         outcomes.append(outcome)

@@ -53,7 +53,7 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
 
 
 def _play(scene: DemoScene, folder: Path) -> list[Row]:
-    begin_in(folder, STATE)
+    begin_in(folder, STATE, "demo")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     scene.prepare(folder)
     config = load_config(write_config(scene, folder))

@@ -77,7 +77,7 @@ Finished = tuple[Path, int, dict[str, Any]] | Row
 
 def _play(scene: DemoScene, folder: Path, done: list[Finished], page: DemoPage) -> None:
     """All steps in one twin with one daemon; what is done of them is appended to ``done``."""
-    begin_in(folder, STATE)
+    begin_in(folder, STATE, "demo")
     config, failed = folder / "cell.toml", set[str]()
     scenario = scene.prepare(folder)
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:

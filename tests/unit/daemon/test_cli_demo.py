@@ -203,10 +203,10 @@ def test_only_sockets_that_nobody_answers_are_taken_away(tmp_path: Path) -> None
 
 def test_what_an_earlier_demo_left_is_kept_under_another_name(tmp_path: Path) -> None:
     for left in ("first", "second"):
-        begin_in(tmp_path, "state")
+        begin_in(tmp_path, "state", "demo")
         (tmp_path / "state").mkdir()
         (tmp_path / "state" / left).touch()
-    begin_in(tmp_path, "state")
+    begin_in(tmp_path, "state", "demo")
     assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*")) == [
         "state-1", "state-1/first", "state-2", "state-2/second",
     ]  # fmt: skip

@@ -257,3 +257,20 @@ def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
     assert set(re.findall(r"`([\w-]+)`", listed)) == {
         name for name, job in SHIPPED.items() if not kind_named(job.kind).rehearsal
     }
+
+
+def test_a_second_rehearsal_says_where_the_reports_of_the_first_one_are_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def played(config: Any, _steps: Any) -> None:
+        (Path(config.cell.state_dir) / "runs").mkdir(parents=True)
+        raise error("DEVICE_NOT_READY", "arm")
+
+    monkeypatch.setattr("daemon.rehearsal.play.run_objects", played)
+    cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path))
+    words = ("rehearse", "cone-capture", "--out", str(tmp_path / "out"))
+    assert "earlier" not in cellward(*words).err
+    folder = tmp_path / "out" / "cone-capture-1"
+    said = f"What an earlier rehearsal left in {folder}/state, its reports too, is now in {folder}/state-1"
+    assert said in cellward(*words).err
+    assert (folder / "state-1").is_dir()
