@@ -47,10 +47,12 @@ def write_bundle(folder: Path, target: Path, about: Mapping[str, Any]) -> Finger
 def unpack_bundle(bundle: Path, into: Path) -> tuple[Path, Fingerprint, list[str]]:
     """Unpack into a folder; where the run folder is, the sums it should have, and what could not be read.
 
-    A file whose packed form is damaged is among the last. ``FILE_UNREADABLE`` for what is no bundle, or
-    would write elsewhere or without bound.
+    A file whose packed form is damaged is among the last. ``ARGUMENT_INVALID`` for a folder;
+    ``FILE_UNREADABLE`` for what is no bundle, or would write elsewhere or without bound.
     """
     damaged = []
+    if bundle.is_dir():
+        raise error("ARGUMENT_INVALID", f"{bundle} is a folder; give the number of the run, or its bundle")
     try:
         with zipfile.ZipFile(bundle) as archive:
             entries = [entry for entry in archive.infolist() if not entry.is_dir()]

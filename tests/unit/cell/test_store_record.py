@@ -151,6 +151,14 @@ def test_a_damaged_byte_in_a_packed_file_is_told_by_the_file(run: RunFolder, tmp
     assert damaged == ["images/a b.png is damaged"]
 
 
+def test_a_run_folder_in_the_place_of_its_bundle_is_refused_in_a_sentence(
+    run: RunFolder, tmp_path: Path
+) -> None:
+    with pytest.raises(CellError, match="is a folder; give the number of the run, or its bundle") as caught:
+        unpack_bundle(run.path, tmp_path)
+    assert caught.value.name == "ARGUMENT_INVALID"
+
+
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04"])
 def test_what_is_no_archive_is_refused_in_a_sentence(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "x.zip").write_bytes(content)
