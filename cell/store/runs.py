@@ -178,9 +178,10 @@ def _run_names(runs: Path, newest: int | None = None) -> list[tuple[str, int, st
     if not runs.is_dir():
         return []
     with disk_errors(runs):
-        matches = filter(None, map(_NAME.fullmatch, os.listdir(runs)))
-    named = sorted(((int(m["id"]), m.string, m["job"]) for m in matches), reverse=True)
-    found = ((name, run_id, job) for run_id, name, job in named if (runs / name).is_dir())
+        names = os.listdir(runs)
+    numbered = ((int(n), name) for name in names if (n := name.rpartition("_")[2]).isdecimal())
+    matches = (_NAME.fullmatch(name) for _, name in sorted(numbered, reverse=True))
+    found = ((m.string, int(m["id"]), m["job"]) for m in matches if m and (runs / m.string).is_dir())
     return list(islice(found, newest))[::-1]
 
 

@@ -72,9 +72,8 @@ class _Order:
         self._asked = {name: asyncio.Event() for name in config.device}
 
     async def turn(self, name: str) -> None:
-        async with asyncio.timeout(OPEN_TIMEOUT_S):
-            for other in bound_to(self._config, name).values():
-                await self._asked[other].wait()
+        for other in bound_to(self._config, name).values():
+            await self._asked[other].wait()
 
     def asked(self, name: str) -> None:
         """Also when it gave no answer."""

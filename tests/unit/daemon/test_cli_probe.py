@@ -13,7 +13,8 @@ from daemon.supervisor import ExpectedIdentity
 
 
 class Link:
-    """A device that takes some turns of the loop to open, and cannot be asked before or afterwards."""
+    """A device that takes some turns of the loop to open (0: all of them), and cannot be asked before or
+    afterwards."""
 
     def __init__(self, name: str, turns: int, stands_on: "Link | None" = None, fails: bool = False) -> None:
         self.name, self.turns, self.stands_on, self.fails = name, turns, stands_on, fails
@@ -22,7 +23,7 @@ class Link:
     async def open(self) -> None:
         if self.stands_on is not None:
             await self.stands_on.identify()
-        for _ in range(self.turns):
+        for _ in range(self.turns or 10**9):
             await asyncio.sleep(0)
         if self.fails:
             raise error("DEVICE_UNREACHABLE", f"{self.name} is off")
@@ -41,12 +42,18 @@ class Link:
 
 @pytest.mark.parametrize("first", ["arm", "gripper"])
 @pytest.mark.parametrize(
-    ("fails", "answers"), [(False, ("ok", "ok")), (True, ("arm is off", "arm is still connecting"))]
+    ("turns", "fails", "answers"),
+    [
+        (20, False, ("ok", "ok")),
+        (20, True, ("arm is off", "arm is still connecting")),
+        (0, False, ("no answer in", "arm is still connecting")),
+    ],
 )
 def test_a_gripper_on_an_arm_is_asked_while_the_arm_is_open(
-    monkeypatch: pytest.MonkeyPatch, first: str, fails: bool, answers: tuple[str, str]
+    monkeypatch: pytest.MonkeyPatch, first: str, turns: int, fails: bool, answers: tuple[str, str]
 ) -> None:
-    arm = Link("arm", 20, fails=fails)
+    monkeypatch.setattr("daemon.cli.probe.OPEN_TIMEOUT_S", 0.2 if turns == 0 else 20.0)
+    arm = Link("arm", turns, fails=fails)
     gripper = Link("gripper", 40, arm)
     links = [arm, gripper] if first == "arm" else [gripper, arm]
     expect = ExpectedIdentity(twin=True)
