@@ -313,6 +313,20 @@ def test_a_result_with_a_table_that_is_none_is_refused_by_its_name(result: dict[
 
 
 @pytest.mark.usefixtures("no_plotly")
+@pytest.mark.parametrize("floor", [None, 0.0])
+def test_a_spread_without_a_floor_is_neither_resolved_nor_not(
+    result: dict[str, Any], floor: float | None
+) -> None:
+    bare = copy.deepcopy(result)
+    for name in ("spread_within", "spread_across"):
+        told = None if floor is None else True
+        bare["result"][name] |= {"floor_t": floor, "floor_r": floor, "resolved": told}
+    page = Page(render(from_result(bare, None)))
+    assert page.text.count("what noise alone gives is not known: ") == 2
+    assert not {"resolved", "not resolved"} & set(page.words)
+
+
+@pytest.mark.usefixtures("no_plotly")
 def test_absent_figures_are_said_to_be_absent(result: dict[str, Any]) -> None:
     bare = copy.deepcopy(result)
     bare["result"]["cov"], bare["residuals"]["cross_check"] = None, {}
