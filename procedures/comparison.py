@@ -35,7 +35,8 @@ class Comparison(Protocol):
 
 
 def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison:
-    """Compare two result documents; ``ARGUMENT_INVALID`` when they do not hold the same kind of answer."""
+    """Compare two result documents; ``ARGUMENT_INVALID`` when they do not hold the same kind of answer,
+    or are one and the same."""
     kind, other = kind_of(first), kind_of(second)
     if kind != other:
         raise error(
@@ -49,5 +50,7 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
         )
     if not (first.get("result") and second.get("result")):
         raise error("ARGUMENT_INVALID", f"a {kind.name} result without an answer cannot be compared")
+    if first == second:
+        raise error("ARGUMENT_INVALID", "both runs hold one and the same result; give two runs that differ")
     found: Comparison = load(kind.compare)(read_result(first), read_result(second))
     return found

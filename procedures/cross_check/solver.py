@@ -26,11 +26,10 @@ from calibration.refusal import Refusal
 from calibration.targets import make_target
 from calibration.tool_frame.repeatability import stated_sigma
 from cell.errors import error
-from cell.formats.reading import Strict, parse
+from cell.formats.reading import Strict, parse, read_json
 from cell.formats.result import Inputs, Result, Warning_
 from cell.poses import Array
 from cell.run_values import RunValues
-from cell.store.files import read_json
 from procedures.arm_setup import arm_model
 from procedures.cross_check.result import (
     CrossCheckAnswer,
@@ -46,7 +45,7 @@ from procedures.documents import read_result
 from procedures.hand_eye.known_parts import known_parts
 from procedures.hand_eye.solve.arm import given_arm
 from procedures.hand_eye.solve.camera import check_views, choose_camera
-from procedures.hand_eye.solve.capture import load_capture
+from procedures.hand_eye.solve.capture import CaptureSet, load_capture
 from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
 from procedures.laser.config import Search
 from procedures.laser.measurement import reference_of
@@ -100,9 +99,13 @@ def check_cell(
     show: Callable[[str, int, int], None] = progress or (lambda *_: None)
     cameras: list[_Capture] = []
     with one_thread():
-        for k, folder in enumerate((then, now)):
+        both = [load_capture(folder) for folder in (then, now)]
+        if _same(*both):
+            text = f"{then} and {now} hold one and the same capture; give that of then and another one of now"
+            raise error("ARGUMENT_INVALID", text)
+        for k, (folder, loaded) in enumerate(zip((then, now), both, strict=True)):
             show("solve", k, 2)
-            one = _camera_of(folder)
+            one = _camera_of(loaded)
             if isinstance(one, Refusal):
                 return Result(
                     kind="cross-check",
@@ -151,9 +154,14 @@ class _Capture:
         return self.adjusted.components.sigma.get("sigma_px")
 
 
-def _camera_of(folder: Path) -> _Capture | Refusal:
-    """What the capture in ``folder`` says."""
-    loaded = load_capture(folder)
+def _same(one: CaptureSet, other: CaptureSet) -> bool:
+    """Whether these are the same pictures: of no two are all corners the same to the last digit."""
+    seen, again = ([None if v is None else v.corners.tolist() for v in of.views] for of in (one, other))
+    return seen == again and np.array_equal(one.F, other.F)
+
+
+def _camera_of(loaded: CaptureSet) -> _Capture | Refusal:
+    """What that capture says."""
     camera = choose_camera(loaded, adjusts=True)
     check_views(loaded, camera.camera)
     rows = loaded.usable()

@@ -52,7 +52,6 @@ def test_the_fast_demo_agrees_with_the_truth_and_replays(
     (proposed,) = json.loads(cellward("results", "--json"))
     assert (proposed["name"], proposed["state"], proposed["run_id"]) == ("T_flange_camera", "proposed", 1)
     assert "placement 3 of 3" in cellward("show", "1")
-    assert json.loads(cellward("compare", "1", "1", "--json"))["m2"] < 1e-9
 
 
 def test_the_fast_demo_samples_an_arm_with_a_stored_set(

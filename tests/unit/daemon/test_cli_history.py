@@ -155,6 +155,8 @@ def test_compare_refuses_runs_without_an_answer_of_the_same_kind(
     assert "T_base_camera" in (done := subject("compare", 1, 2)).err
     assert done.code == 2
     assert "ended aborted and has no result" in subject("compare", 1, 3).err
+    assert "both runs hold one and the same result" in (done := subject("compare", 1, 1)).err
+    assert done.code == 2
 
 
 def test_the_adjoint_carries_a_small_motion_to_the_other_side() -> None:

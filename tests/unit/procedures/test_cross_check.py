@@ -162,6 +162,23 @@ def test_what_is_no_measured_tool_and_captures_without_joints_are_refused(
         check_cell(tmp_path, captures["none"], None)
 
 
+def test_one_capture_as_then_and_now_is_refused(captures: dict[str, Path], tmp_path: Path) -> None:
+    then = captures["then"]
+    data = json.loads((then / "capture.json").read_text("utf-8"))
+    (tmp_path / "capture.json").write_text(json.dumps(data, indent=1), "utf-8")
+    for now in (then, tmp_path):
+        with pytest.raises(InputError, match="hold one and the same capture"):
+            check_cell(then, now)
+
+
+def test_a_data_set_that_is_no_object_is_refused_with_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "cross-check.json"
+    file.write_text("[]", "utf-8")
+    with pytest.raises(InputError, match=r"cross-check\.json holds a list") as caught:
+        solve_cross_check(file)
+    assert caught.value.name == "DATA_INVALID"
+
+
 def test_the_command_says_the_part_and_ends_with_one(
     captures: dict[str, Path],
     tmp_path: Path,
