@@ -70,7 +70,11 @@ async def picking_cell(
     ``lens``, or as one of before these were kept."""
     async with open_cell(config, clock, JOB) as cell:
         truth, drawn = cell.plant.world.T_mount_camera, config.robot.T_base_camera_nominal
-        found = {"result": {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV}} if lens else {}
+        found = (
+            {"result": {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV, "budget": []}}
+            if lens
+            else {}
+        )
         row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), found, 0, drawn)
         on_disk(cell.ledger.accept, row, "test")
         yield cell
