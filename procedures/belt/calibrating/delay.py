@@ -11,11 +11,17 @@ import numpy as np
 from calibration.belt.scale import BeltScale
 from cell.poses import Array
 from procedures.belt.calibrating.rows import SightingRows
-from procedures.belt.calibrating.spread import BeltUncertainty, beside_own_mean, indicators, widened
+from procedures.belt.calibrating.spread import (
+    BeltUncertainty,
+    beside_own_mean,
+    indicators,
+    noise_variance,
+    widened,
+)
+from procedures.report.numbers import K95
 
 USUAL_95_S = 0.01  # half of the 95 % interval of a delay that was not measured
 DELAY = "delay"  # in ``by``
-_NORMAL95 = 1.96
 
 
 def with_delay(sure: BeltUncertainty, answer: BeltScale, rows: SightingRows) -> BeltUncertainty:
@@ -31,20 +37,17 @@ def with_delay(sure: BeltUncertainty, answer: BeltScale, rows: SightingRows) -> 
     left = beside_own_mean(left, item)
     seen = speed - slope * travel
     late, variance = _late(seen, left, rows.t[used], len(item.T))
-    doubt = abs(late) + _NORMAL95 * np.sqrt(variance)
+    doubt = abs(late) + K95 * np.sqrt(variance)
     return widened(sure, answer, answer.m_per_count * abs(slope) * doubt, DELAY)
 
 
 def _late(seen: Array, left: Array, t: Array, items: int) -> tuple[float, float]:
     """By how much counts are late (s), and its variance: from what is ``left`` of each sighting (m) beside
     what a second would make of it (``seen``, m), and from what is usual."""
-    usual = (USUAL_95_S / _NORMAL95) ** 2
+    usual = (USUAL_95_S / K95) ** 2
     power = float(seen @ seen)
     rest = left - seen * (float(seen @ left) / power if power > 0.0 else 0.0)
-    frames, column = np.unique(t, return_inverse=True)
-    each = np.bincount(column, rest) ** 2 / np.bincount(column)  # of a frame, whose items share an error
-    freedom = max(len(left) - items - 2, 1)
-    noise = max(float(rest @ rest), float(each.sum()) * len(left) / len(frames)) / freedom
+    noise = noise_variance(rest, t, max(len(left) - items - 2, 1))
     variance = 1.0 / (1.0 / usual + (power / noise if noise > 0.0 else 0.0))
     return variance * float(seen @ left) / noise if noise > 0.0 else 0.0, variance
 

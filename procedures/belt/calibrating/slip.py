@@ -11,7 +11,7 @@ import numpy as np
 from calibration.belt.scale import BeltScale, fit_scale
 from calibration.refusal import Refusal
 from procedures.belt.calibrating.rows import SightingRows
-from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, waves
+from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, noise_variance, waves
 
 _SIGMAS = 4.5  # the largest of as many steps as there are frames
 SURE = 6.0  # a slip that is told by less may be noise
@@ -34,7 +34,7 @@ class Parted:
     """``answer`` and ``rows`` with each item parted in two where the wheel slipped, as the ``slips`` say; and
     the clearest slip that is ``left``, where parting the items once more would leave no answer.
 
-    ``doubt`` is by how much the scale (m) differs from what it is without those slips that may be chance:
+    ``doubt`` is by how much the scale (m) differs from what it is without those slips that may be noise:
     noise that was taken for one is in the scale from then on.
     """
 
@@ -86,8 +86,7 @@ def find_slip(answer: BeltScale, rows: SightingRows) -> WheelSlip | None:
     size = np.where(seen, (steps.T @ left) / np.where(seen, power, 1.0), 0.0)
     k = int(np.argmax(size**2 * power))
     rest = left - steps[:, k] * size[k]
-    each = np.bincount(column, rest) ** 2 / np.bincount(column)  # of a frame, whose items share an error
-    variance = max(float(rest @ rest), float(each.sum()) * len(along) / len(frames)) / freedom
+    variance = noise_variance(rest, rows.t[used], freedom)
     if size[k] ** 2 * power[k] <= _SIGMAS**2 * variance:
         return None
     sigmas = float(abs(size[k]) * np.sqrt(power[k] / variance)) if variance > 0.0 else np.inf

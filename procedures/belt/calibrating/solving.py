@@ -30,10 +30,10 @@ from procedures.belt.result import (
     BeltUncertainty,
     SightingResidual,
 )
+from procedures.report.numbers import K95
 from procedures.solving import within_limits
 
 KIND = "belt-calibration"
-_NORMAL95 = 1.96
 _STANDS_COUNTS = 2.0
 _BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
 _LONGER = "let more items pass, over a longer way"
@@ -165,7 +165,7 @@ def _with_rounding(answer: BeltScale, counts: Array) -> BeltScale:
     along = answer.direction
     return replace(
         answer,
-        half_scale=float(np.hypot(answer.half_scale, _NORMAL95 * np.sqrt(variance))),
+        half_scale=float(np.hypot(answer.half_scale, K95 * np.sqrt(variance))),
         cov=answer.cov + variance * np.outer(along, along),
     )
 

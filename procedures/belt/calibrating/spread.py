@@ -24,13 +24,13 @@ from calibration.belt.scale import BeltScale
 from cell.formats.intercept import ItemsCamera
 from cell.poses import Array, from_pose6
 from procedures.belt.calibrating.rows import SightingRows, rounding_variance
+from procedures.report.numbers import K95
 
 _FEWEST = 4  # of what is to say how large an effect is
 _ORDERS = (2, 3, 4, 5)  # of the pattern over the picture, beside a line
 _OF_PATTERN = 2.0  # degrees of freedom
 FEWEST_OF_PATTERN = 12  # sightings, beside one of each item
 _PATTERN_M = 1e-3  # a sighting further off is a false one
-_NORMAL95 = 1.96
 LENS = "lens"  # in ``by``
 _NOISE, _PICTURE, _SLIPS = "sightings", "picture", "slips"
 
@@ -80,7 +80,7 @@ def with_camera(
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * share_95)),
         half_angle=float(np.hypot(sure.half_angle, turn_95_rad)),
-        cov=sure.cov + (m / _NORMAL95) ** 2 * shared,
+        cov=sure.cov + (m / K95) ** 2 * shared,
     )
 
 
@@ -97,7 +97,7 @@ def widened(sure: BeltUncertainty, answer: BeltScale, doubt: float, by: str) -> 
     return replace(
         sure,
         half_scale=half,
-        cov=sure.cov + (half**2 - sure.half_scale**2) / _NORMAL95**2 * onto,
+        cov=sure.cov + (half**2 - sure.half_scale**2) / K95**2 * onto,
         by=by if doubt > sure.half_scale else sure.by,
     )
 
@@ -116,7 +116,7 @@ def lens_slopes(answer: BeltScale, rows: SightingRows, camera: ItemsCamera) -> A
 def with_lens(sure: BeltUncertainty, answer: BeltScale, slopes: Array) -> BeltUncertainty:
     """``sure`` with what a lens that was not found with the camera's pose is known to: ``slopes`` (2, c)."""
     m, axes = answer.m_per_count, _axes(answer.direction)[:2]
-    half = _NORMAL95 * np.linalg.norm(slopes, axis=1)
+    half = K95 * np.linalg.norm(slopes, axis=1)
     return replace(
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * half[0])),
@@ -224,6 +224,14 @@ def beside_own_mean(x: Array, item: Array, used: NDArray[np.bool_] | None = None
     use = np.ones(len(x)) if used is None else used.astype(float)
     mean = (item.T @ (use * x)) / np.maximum(item.T @ use, 1.0)
     return np.asarray(use * (x - item @ mean))
+
+
+def noise_variance(rest: Array, t: Array, freedom: int) -> float:
+    """m^2 of one sighting, from what is left of each (k,), m: that of single sightings, or that of frames (at
+    ``t``), whose items share an error, where it is larger."""
+    frames, column = np.unique(t, return_inverse=True)
+    each = np.bincount(column, rest) ** 2 / np.bincount(column)
+    return max(float(rest @ rest), float(each.sum()) * len(rest) / len(frames)) / freedom
 
 
 def waves(at: Array) -> Array:

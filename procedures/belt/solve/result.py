@@ -25,10 +25,10 @@ from procedures.belt.result import (
 )
 from procedures.belt.solve.answers import BLIND, UNSEEN, Answer, Solved, camera_cov_of
 from procedures.belt.solve.data import InterceptSet
+from procedures.report.numbers import K95
 
 KIND = "intercept"
 _SURE = 4.0  # standard deviations by which sightings contradict the belt's scale or direction
-_NORMAL95 = 1.96
 _FEWEST = 8
 _LATENCY_OFF = 2e-3  # s
 
@@ -122,7 +122,7 @@ def _as_answer(a: Answer) -> QueryAnswer:
 def _camera_95_m(loaded: InterceptSet, solved: Solved) -> float | None:
     covs = [camera_cov_of(loaded, solved.tracker, item) for item in solved.tracker.items]
     worst = [float(np.linalg.eigvalsh(cov)[-1]) for cov in covs if cov is not None]
-    return _NORMAL95 * float(np.sqrt(np.mean(worst))) if worst else None
+    return K95 * float(np.sqrt(np.mean(worst))) if worst else None
 
 
 def _uncertainty(answers: list[Answer], camera_95_m: float | None) -> InterceptUncertainty:

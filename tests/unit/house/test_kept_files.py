@@ -19,7 +19,8 @@ from cell.store.ledger import Ledger
 from cell.store.runs import list_runs
 from daemon.config import load_config
 from daemon.modbus.table import register_table
-from procedures.documents import read_result
+from procedures.comparison import compare_results
+from procedures.documents import kind_of, read_result
 from procedures.report.figures_csv import figures_csv
 from tests.kit.cli_harness import CommandLine
 
@@ -205,9 +206,14 @@ def test_a_run_of_an_earlier_version_is_shown_compared_and_reported(
     reported = subject("report", number, "--rebuild", "--no-open")
     assert reported.code == 0, reported.err
     assert run.job in Path(reported.out.strip()).read_text("utf-8")
-    compared = subject("compare", number, number)
-    assert (compared.code, compared.out) == (2, ""), "beside itself a run shows nothing"
-    assert compared.err.count("Error ") == 1
+    beside_itself = subject("compare", number, number)
+    assert (beside_itself.code, beside_itself.out) == (2, "")
+    assert beside_itself.err.count("Error ") == 1
+    found = run.read_result()
+    assert found is not None
+    if kind_of(found).compare:
+        other = {**found, "reasons": [*found["reasons"], "of another run"]}
+        assert compare_results(found, other).text("one", "other")
 
 
 def test_an_interrupted_run_of_an_earlier_version_is_shown(command: Any) -> None:
