@@ -22,6 +22,7 @@ from cell.poses import Array, adjoint
 
 CHANCE = 1e-2  # of taking a value that is right for one that is not
 _SURE = 7.4  # twice the logarithm of 40: one explanation is so many times as likely as the other
+PLACE_DOUBTED = ("C", "cannot-tell")  # who is blamed where the target's place may be what is wrong
 _X, _W = slice(0, 6), slice(6, 12)
 
 

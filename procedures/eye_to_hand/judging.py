@@ -41,12 +41,14 @@ def blame_warning(answer: AxbcAnswer) -> list[tuple[str, str]]:
     blamed = answer.blamed
     if blamed == "C":
         off = f"{mm(answer.C_offset.t)} and {deg(answer.C_offset.r)}"
-        return [(PLACE, f"C as given is off by {off}: measure the target's place on the flange again")]
+        text = f"C as given is off by {off} and was not used: measure the target's place on the flange again"
+        return [(PLACE, text)]
     if blamed == "X":
         return [(HAND_EYE, "the given hand-eye does not fit the images, and the target's place does")]
     if blamed == "cannot-tell":
         text = (
-            "hand-eye and place of the target contradict each other, and the data cannot tell which is wrong"
+            "hand-eye and place of the target contradict each other, and the data cannot tell which is wrong: "
+            "neither was used"
         )
         return [(HAND_EYE, text)]
     return []

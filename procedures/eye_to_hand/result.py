@@ -89,7 +89,9 @@ class NoiseFound(Part):
 class AxbcAnswer(Part):
     """Where the base is in the camera, and what was given of it judged."""
 
-    T_camera_base: Pose = Field(description="The standard: images, arm and known place together.")
+    T_camera_base: Pose = Field(
+        description="The standard: images, arm and, where nothing speaks against it, the known place."
+    )
     direction: str = Field(description="The same in words.")
     cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
     mean: Pose = Field(description="The standard of the published method: plain mean of `A^-1 C B^-1`.")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration.adjustment.bare_poses import adjust_poses
 from calibration.adjustment.hand_eye import adjust, as_found
 from calibration.adjustment.lens_terms import LensPrior
-from calibration.adjustment.mount import Mounted, mounted, with_place
+from calibration.adjustment.mount import PLACE_DOUBTED, Mounted, mounted, suspicion, with_place
 from calibration.adjustment.shared_errors import SharedErrors, shared_errors
 from calibration.adjustment.target_correction import (
     CameraAndTarget,
@@ -166,7 +166,13 @@ def _find(
         _, problem = as_found(adjusted, measured, solution)
         solution = replace(solution, problem=replace(problem, G=measured.F))
         alone = mounted(adjusted, own)
-    return Found(solution, rows, measured.F[rows], own, alone, with_place(alone, data.place))
+    return Found(solution, rows, measured.F[rows], own, alone, _standard(alone, data))
+
+
+def _standard(alone: Mounted, data: AxbcData) -> Mounted:
+    """With the target's place, unless the images speak against it: a wrong place would move the camera."""
+    doubted = suspicion(alone, data.camera, data.place).blamed in PLACE_DOUBTED
+    return alone if doubted else with_place(alone, data.place)
 
 
 def _choice(data: AxbcData, found: Found) -> ChosenWay:

@@ -17,6 +17,7 @@ from tests.kit.imperfect_cell import ARM
 from tests.kit.solved import solve_axbc
 
 Answer = dict[str, Any]
+MAHALANOBIS_LIMIT = 22.5  # 99.9 % of a chi-squared with 6 degrees of freedom
 FACTORY_M = 6e-5  # of a length of an arm that its maker has calibrated
 
 
@@ -85,14 +86,18 @@ def test_a_hand_eye_that_is_off_is_graded_within_its_uncertainty_and_blamed(
     assert result["reasons"][0].startswith("max_error_t_m: the given hand-eye is off by")
 
 
-def test_a_place_on_the_flange_that_is_wrong_is_blamed_and_not_the_hand_eye(
-    tmp_path: Path, factory: EyeToHandScene
+@pytest.mark.parametrize("off", [(5e-4, 1e-3), (0.05, 0.5)], ids=["mounted", "another mounting"])
+def test_a_place_on_the_flange_that_is_wrong_is_blamed_and_moves_nothing(
+    tmp_path: Path, factory: EyeToHandScene, off: tuple[float, float]
 ) -> None:
-    data = factory.data_set(np.random.default_rng(2), poses=True, C_off=(5e-4, 1e-3))
+    data = factory.data_set(np.random.default_rng(2), poses=True, C_off=off)
     found = solved(tmp_path, data)["result"]
     assert found["blamed"] == "C"
-    off, cov = np.array(found["C_offset"]["xi"]), np.array(found["C_offset"]["cov"])
-    assert np.linalg.norm(off[:3]) == pytest.approx(5e-4, abs=3.0 * np.sqrt(np.trace(cov[:3, :3])))
+    T = se3.matrices(from_pose6(found["T_camera_base"]))
+    error = se3.log(se3.inverse(T) @ se3.inverse(factory.X))
+    assert error @ np.linalg.solve(np.array(found["cov"]), error) < MAHALANOBIS_LIMIT
+    xi, cov = np.array(found["C_offset"]["xi"]), np.array(found["C_offset"]["cov"])
+    assert np.linalg.norm(xi[:3]) == pytest.approx(off[0], abs=3.0 * np.sqrt(np.trace(cov[:3, :3])))
 
 
 def test_a_good_hand_eye_passes_and_nothing_is_blamed(tmp_path: Path, factory: EyeToHandScene) -> None:
