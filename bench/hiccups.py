@@ -81,6 +81,10 @@ def place_target(cell: WireCell) -> None:
     ask(cell.folder, {"do": "operator", "next": True})
 
 
+def leave_target(cell: WireCell, status: dict[str, Any]) -> None:
+    """The target is where the job wants it from the start."""
+
+
 def hold_point(cell: WireCell, status: dict[str, Any]) -> None:
     """The tool's point is brought over the corner that the job is at."""
     corner = int(status["live"]["corner"])
@@ -152,7 +156,7 @@ SCENES = {
     "belt-calibration": InterruptedJob("picking", camera=True, first=calibrate_camera),
     "belt-tracking": InterruptedJob("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
     "eye-to-hand-check": InterruptedJob(
-        "hand_eye_to_hand", camera=True, first=calibrate_camera, more=eye_to_hand()
+        "hand_eye_to_hand", camera=True, first=calibrate_camera, more=eye_to_hand(), answer=leave_target
     ),
     "touch-test": InterruptedJob(
         "hand_eye", camera=True, first=partial(give_hand_eye, seed=0), more=TOUCH, answer=hold_point

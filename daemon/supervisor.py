@@ -35,7 +35,14 @@ class ExpectedIdentity:
     serial: str | None = None
 
     def check(self, device: str, found: Identity) -> None:
-        """Raise ``DEVICE_IDENTITY`` when the device is not the one that is meant."""
+        """Raise ``DEVICE_IDENTITY`` when the device is not the one that is meant.
+
+        One that tells no serial may have been silent when it was asked, so it is asked again:
+        ``DEVICE_UNREACHABLE``.
+        """
+        if not found.serial and (self.serial is not None or self.twin):
+            wanted = "a twin's" if self.serial is None else self.serial
+            raise error("DEVICE_UNREACHABLE", f"{device} told no serial, the config expects {wanted}")
         if self.serial is not None and found.serial != self.serial:
             raise error(
                 "DEVICE_IDENTITY", f"{device} has serial {found.serial}, the config expects {self.serial}"

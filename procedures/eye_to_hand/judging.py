@@ -47,8 +47,8 @@ def blame_warning(answer: AxbcAnswer) -> list[tuple[str, str]]:
         return [(HAND_EYE, "the given hand-eye does not fit the images, and the target's place does")]
     if blamed == "cannot-tell":
         text = (
-            "hand-eye and place of the target contradict each other, and the data cannot tell which is wrong: "
-            "neither was used"
+            "hand-eye and place of the target contradict each other, and the data cannot tell which is "
+            "wrong: neither was used"
         )
         return [(HAND_EYE, text)]
     return []

@@ -181,6 +181,21 @@ def test_a_device_that_is_not_the_one_meant_is_refused_and_said_once(
     run_virtual(main())
 
 
+@pytest.mark.parametrize("expected", ["9999001", None])
+def test_a_device_that_was_silent_when_it_was_asked_for_its_serial_is_asked_again(
+    expected: str | None,
+) -> None:
+    async def main() -> None:
+        async with supervised(ExpectedIdentity(True, expected), serial="") as bench:
+            await bench.until(DeviceState.RETRYING)
+            assert "told no serial" in str(bench.entry.last_error)
+            assert bench.entry.lasting is None, "a run may wait for it"
+            bench.gadget.serial = "9999001"
+            await bench.until(DeviceState.READY)
+
+    run_virtual(main())
+
+
 def test_another_device_in_the_place_of_the_lost_one_is_said_and_the_right_one_recovers(
     lines: pytest.LogCaptureFixture,
 ) -> None:
