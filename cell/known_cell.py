@@ -67,10 +67,17 @@ class KnownReflector:
 
 @dataclass(frozen=True)
 class KnownTracker:
-    """A laser tracker and what it can see."""
+    """A laser tracker or total station, what it can see, and the noise of a reading along one axis as its
+    section states it: ``sigma0_m``, and ``sigma_per_m`` of range.
+
+    ``one_by_one``: each reading is a distance that is measured by itself, which takes a station seconds.
+    """
 
     T_base_tracker: Pose
     reflectors: Mapping[str, KnownReflector]
+    sigma0_m: float
+    sigma_per_m: float
+    one_by_one: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""A tracker somewhere near its nominal place, and reflectors near theirs."""
+"""A tracker or total station somewhere near its nominal place, as noisy as it is said to be, and reflectors
+near theirs."""
 
 from typing import Any
 
@@ -11,6 +12,9 @@ from cell.poses import from_pose6, to_pose6
 PLACE_M, PLACE_RAD = 0.02, 0.005  # how well a tripod is put down where a sketch has it: an assumption
 POINT_M = 0.003  # how well a person measures where a reflector is screwed on
 SERIAL = "99994400001"
+# A station looks five times a second, as its driver asks; how long its most accurate distance takes is an
+# assumption.
+STATION = {"one_by_one": True, "measure_s": 2.0, "rate_hz": 5.0}
 LINK_M = 0.045  # radius of the links, which hide what is behind them
 
 
@@ -27,6 +31,13 @@ def draw_tracker(known: KnownTracker, rng: np.random.Generator) -> dict[str, Any
             reflectors[name] |= {"normal": list(reflector.normal), "half_angle_rad": reflector.half_angle_rad}
     place = to_pose6(from_pose6(known.T_base_tracker) * off).tolist()
     return {
-        "tracker": {"serial": SERIAL, "T_base_tracker": place, "arm_radius_m": LINK_M},
+        "tracker": {
+            **(STATION if known.one_by_one else {}),
+            "serial": SERIAL,
+            "T_base_tracker": place,
+            "sigma0_m": known.sigma0_m,
+            "sigma_per_m": known.sigma_per_m,
+            "arm_radius_m": LINK_M,
+        },
         "reflectors": reflectors,
     }

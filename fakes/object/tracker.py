@@ -125,13 +125,16 @@ class ObjectTracker(ObjectDevice):
         """
         self._require_constant()
         begin, truth = self.clock.now(), self._tracker.truth
+        each = max(round(truth.measure_s * truth.rate_hz), 1) if truth.one_by_one else 1
+        window_s = max(window_s, self.config.min_readings * each / truth.rate_hz)
         unsubscribe = self.readings.subscribe(lambda sample: None)
         try:
             while True:
-                await self._pass(max(window_s, self.config.min_readings / truth.rate_hz))
+                await self._pass(window_s)
                 now = self.clock.now()
                 samples = self.readings.between(max(begin, now - window_s), now)
-                if not (lost := _without_point(samples)) and len(samples) >= self.config.min_readings:
+                lost, samples = _without_point(samples), samples[::-each][::-1]
+                if not lost and len(samples) >= self.config.min_readings:
                     point = self._stable(samples, window_s)
                     if point.scatter_m <= max_scatter_m:
                         self._require_constant()

@@ -5,6 +5,14 @@ from pathlib import Path
 
 EXAMPLE = Path(__file__).parents[2] / "deploy" / "cell.toml"
 _COMMENTED = re.compile(r"# (\[.*|[\w.\-]+ = .*)$")
+# In place of the example's total station: a laser tracker, whose program sends lines.
+LASER_TRACKER = {
+    'driver = "geocom"\n': (
+        'driver = "line-stream"\nserial = "1"\nsigma0_m = 0.000015\nsigma_per_m = 0.000006\n'
+        'columns = { x = 1, y = 2, z = 3 }\nlength_unit = "m"\n'
+    ),
+    "checksum = true ": "# checksum = true ",
+}
 
 
 def whole_example(folder: Path, replaced: dict[str, str] | None = None) -> Path:

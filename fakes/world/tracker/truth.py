@@ -82,6 +82,9 @@ class TrackerTruth(Strict):
     search_s: float = Field(default=0.5, ge=0, le=10)
     aim_rad: float = Field(default=0.001, gt=0, le=0.1, description="how far off its aim it still measures")
     measure_s: float = Field(default=0.05, ge=0, le=10, description="one distance")
+    one_by_one: bool = Field(
+        default=False, description="object face: a point's readings are such distances; else those of rate_hz"
+    )
     constant_m: float = Field(default=0.0, ge=-0.1, le=0.1, description="reflector constant it is set to")
     temperature_c: float = Field(default=20.0, ge=-40, le=60)
     pressure_pa: float = Field(default=101325.0, ge=50e3, le=120e3)

@@ -20,7 +20,7 @@ from fakes.world.scenario import Scenario
 from procedures.documents import kind_named
 from procedures.registry import SHIPPED
 from tests.kit.cli_harness import CommandLine
-from tests.kit.example_cell import whole_example
+from tests.kit.example_cell import LASER_TRACKER, whole_example
 from tests.kit.whole_results import whole
 
 FEW = {
@@ -113,6 +113,20 @@ def test_what_a_twin_draws_is_around_what_the_configuration_says(tmp_path: Path)
     assert camera.nominal == config.robot.T_flange_camera_nominal
     assert camera.T_flange_camera != camera.nominal
     assert camera.T_flange_camera == pytest.approx(camera.nominal, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("device", "noise", "one_by_one"), [({}, (1e-3, 5e-6), True), (LASER_TRACKER, (15e-6, 6e-6), False)]
+)
+def test_a_twin_has_the_instrument_that_the_cell_has(
+    device: dict[str, str], noise: tuple[float, float], one_by_one: bool, tmp_path: Path
+) -> None:
+    path = whole_example(tmp_path, device)
+    rehearsed_cell(load_config(path), path, "tracker-sampling", 1, tmp_path)
+    tracker = Scenario.load(tmp_path / "scenario.toml").world.tracker
+    assert tracker is not None
+    assert (tracker.sigma0_m, tracker.sigma_per_m) == pytest.approx(noise)
+    assert tracker.one_by_one == one_by_one
 
 
 def test_a_touch_test_comes_after_its_own_capture_and_a_person_holds_the_point(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +20,11 @@ SMR = np.array([-0.05, 0.0, 0.06])  # smr1 in the flange
 Scene = Callable[[ObjectTracker], Coroutine[Any, Any, Any]]
 
 
-def play(scene: Scene, **config: Any) -> Any:
+def play(scene: Scene, scenario: str = SCENARIO, **config: Any) -> Any:
     """Run ``scene`` with an open tracker that is set to smr1."""
 
     async def whole() -> Any:
-        subject = ObjectTracker("tracker", ObjectTracker.Config(scenario=SCENARIO, **config), VirtualClock())
+        subject = ObjectTracker("tracker", ObjectTracker.Config(scenario=scenario, **config), VirtualClock())
         await subject.open()
         await subject.select("smr1")
         try:
@@ -103,6 +105,23 @@ def test_it_follows_the_arm_and_its_readings_tell_where_it_truly_is() -> None:
         assert states[-1].value.point == pytest.approx(expected(subject), abs=3e-4)
 
     play(scene)
+
+
+def test_a_station_makes_a_point_of_few_distances_which_take_seconds(tmp_path: Path) -> None:
+    async def scene(subject: ObjectTracker) -> None:
+        await subject.find(expected(subject), 5.0)
+        begun = subject.clock.now()
+        point = (await subject.measure(1.0, 0.01, 10.0)).value
+        assert point.count == 3
+        assert subject.clock.now() - begun == pytest.approx(6.0, abs=0.5)
+        subject.inject("beam-break", duration_s=0.1)  # none of its distances need fall into that
+        assert await fails(subject.measure(1.0, 0.01, 10.0)) == "TRACKER_BEAM_BROKEN"
+
+    text = files("fakes").joinpath("scenarios", "tracker.toml").read_text("utf-8")
+    station = "one_by_one = true\nmeasure_s = 2.0\nrate_hz = 5.0\nsigma0_m = 0.001"
+    path = tmp_path / "station.toml"
+    path.write_text(text.replace("sigma0_m = 15e-6", station), "utf-8")
+    play(scene, str(path))
 
 
 def test_a_place_without_a_reflector_is_told_after_the_time_allowed() -> None:
