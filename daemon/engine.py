@@ -32,7 +32,7 @@ from daemon.run_timing import RunTiming
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
-from daemon.tools import ARGUMENT, CellTool, asked_tool, told_tool
+from daemon.tools import ARGUMENT, CellTool, loaded_tool, told_tool
 from daemon.values import recorded, resolve_values, with_arm_model, with_limits
 from procedures.arm_setup import arm_models
 
@@ -137,7 +137,7 @@ class Engine:
 
     def _tool_of(self, procedure: Procedure, asked: str | None) -> CellTool | None:
         """The tool that a start asks for; a job that moves the arm has to know what is on the flange."""
-        return asked_tool(self.context.config, procedure.name, asked, "arm" in procedure.uses())
+        return loaded_tool(self.context.config, procedure.name, asked, "arm" in procedure.uses())
 
     async def _values_of(self, procedure: Procedure, tool: CellTool | None) -> RunValues:
         """The values that the job works with now; refused where they cannot be used."""

@@ -92,6 +92,24 @@ def asked_tool(config: CellConfig, job: str, asked: str | None, needed: bool) ->
     return tools[asked]
 
 
+def loaded_tool(config: CellConfig, job: str, asked: str | None, needed: bool) -> CellTool | None:
+    """As :func:`asked_tool`, for a start: ``CONFIG_INVALID`` where the tool is ``needed`` and nobody has
+    stated its load, which the controller is told. A twin without one carries nothing."""
+    tool = asked_tool(config, job, asked, needed)
+    if needed and tool is not None and not (config.cell.twin or _load_is_stated(config, tool.name)):
+        raise error(
+            "CONFIG_INVALID",
+            f"{config.source}: [robot] payload_kg is missing: weigh what is on the flange with tool "
+            f"'{tool.name}', or write 0.0 for nothing",
+        )
+    return tool
+
+
+def _load_is_stated(config: CellConfig, tool: str) -> bool:
+    own = config.tool.get(tool)
+    return config.robot.load_stated or (own is not None and own.payload_kg is not None)
+
+
 def tools_by_changer(config: CellConfig) -> dict[int, str]:
     """The tools that a PLC can name, by their number."""
     return {tool.changer: tool.name for tool in tools_of(config).values() if tool.changer is not None}

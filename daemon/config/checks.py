@@ -9,6 +9,7 @@ from daemon.config.findings import Findings, did_you_mean
 from daemon.config.limits_section import LimitsSection
 from daemon.config.locate import Path
 from daemon.config.roles import ROLES, devices_by_role
+from daemon.config.tools import has_plain_tool
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
@@ -104,14 +105,15 @@ def _has_arm(raw: Mapping[str, Any]) -> bool:
 
 
 def _check_load(raw: Mapping[str, Any], findings: Findings) -> None:
-    """What the flange carries is measured: what is left out counts as nothing there."""
+    """What the flange carries is measured: no job moves an arm whose load is left out."""
     if not _has_arm(raw) or _table(raw, "cell").get("twin", False) is not False:
         return
-    robot = _table(raw, "robot")
-    if "payload_kg" not in robot:
-        text = "is missing, so the arm's controller is told 0 kg: weigh what is on the flange, or write 0.0"
-        findings.warn(("robot", "payload_kg"), text)
-    if "tool" not in robot and not _table(raw, "tool"):
+    robot, tools = _table(raw, "robot"), _table(raw, "tool")
+    own = not has_plain_tool(raw) and all("payload_kg" in _table(tools, name) for name in tools)
+    if "payload_kg" not in robot and not own:
+        text = "is missing, so no job may move the arm: weigh what is on the flange, or write 0.0"
+        findings.add_problem(("robot", "payload_kg"), text)
+    if "tool" not in robot and not tools:
         text = "is missing, so nothing is expected beyond the flange: measure the tool, or write {}"
         findings.warn(("robot", "tool"), text)
 

@@ -54,6 +54,7 @@ class ResolvedRobot(RobotSection):
     observed_spec: dict[str, Any] | None = Field(default=None, description="the same of the observed arm")
     devices: dict[str, str] = Field(default_factory=dict, description="device by role")
     plain_tool: bool = Field(default=True, exclude=True, description="whether 'tool' is one of the cell's")
+    load_stated: bool = Field(default=True, exclude=True, description="whether payload_kg was written")
 
     def roles(self) -> dict[str, str]:
         """The device that plays each role; a role nobody was named for goes to the device of its name."""
@@ -184,6 +185,7 @@ def check_config(
         observed_spec=observed,
         devices=devices_by_role(dict(fixed.robot), devices),
         plain_tool=has_plain_tool(raw),
+        load_stated="payload_kg" in fixed.robot.model_fields_set,
     )
     sections = {key: getattr(fixed, key) for key in CellConfig.model_fields if hasattr(fixed, key)}
     return CellConfig.model_construct(

@@ -248,7 +248,8 @@ class RobotSection(GrownSection):
         default=0.0,
         ge=0,
         le=100.0,
-        description="mass on the flange, tool included; at most what the arm carries",
+        description="mass on the flange, tool included; at most what the arm carries. Absent: no job moves "
+        "the arm of a cell that is no twin",
     )
     centre_of_mass_m: Point = Field(
         default_factory=lambda: [0.0] * 3, description="centre of mass of the payload, in the flange, m"

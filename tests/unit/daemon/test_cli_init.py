@@ -48,7 +48,7 @@ def test_each_combination_is_loaded_without_a_finding(
     assert config.http.enabled is ("page" in parts)
     assert config.modbus.allow_clients == (["10.0.5.5"] if "plc" in parts else [])
     assert not config.poses
-    assert config.robot.payload_kg == 0.0
+    assert not config.robot.load_stated
     assert config.robot.tool.T_flange_tool == [0.0] * 6
     text = path.read_text()
     assert "20235500123" not in text.replace('# expect_serial = "20235500123"', "")
@@ -75,12 +75,13 @@ def test_what_must_be_taught_or_measured_is_not_invented_but_named(
     for pose in ("home", "aux_xs", "aux_ys"):
         assert f"there is no '{pose}' in [poses]" in checked.err
         assert f"'cellward pose save {pose}'" in checked.err
-    assert "robot.payload_kg: is missing" in checked.err
+    assert "robot.payload_kg: is missing, so no job may move the arm" in checked.err
     assert "robot.tool: is missing" in checked.err
     text = with_pose(path.read_text(), "aux_xs", [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], replace=False)
     path.write_text(text)
     problems = load_config(path).problems
-    assert [problem.partition(": there")[0].rpartition(": ")[2] for problem in problems] == [
+    assert [problem.split(": ")[1] for problem in problems] == [
+        "robot.payload_kg",
         "job.cone-capture.start_pose",
         "job.laser-reference.ys.aux",
     ]

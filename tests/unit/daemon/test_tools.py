@@ -1,6 +1,8 @@
 """Several tools in one cell: which one a start means, and whose calibrations it works with."""
 
+import re
 import shutil
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,12 +18,15 @@ from daemon.cli.next_step import next_commands
 from daemon.cli.status_text import status_text
 from daemon.committed_registers import committed_registers
 from daemon.config import CellConfig, ConfigInvalid, load_config
+from daemon.config.checks import check_contradictions
+from daemon.config.findings import Findings
+from daemon.config.schema import init_text
 from daemon.decisions import use_of
 from daemon.job_arguments import given_params
 from daemon.modbus.command import Command
 from daemon.plc import PlcFace
 from daemon.tool_references import without_reference
-from daemon.tools import asked_tool, tools_of, usual_tool
+from daemon.tools import asked_tool, loaded_tool, tools_of, usual_tool
 from daemon.values import resolve_values, tell_configured
 from fakes.object import VirtualClock, run_virtual
 from procedures.laser.check import LaserCheck
@@ -126,6 +131,39 @@ def test_a_run_works_with_the_pose_the_load_and_the_reference_of_its_tool(
     other = resolve_values(config, ledger, supervisor, ("arm", "beams"), tools["gripper"])
     assert (other.tool["T_flange_tool"], other.laser_reference) == (GRIPPER, {"of": "gripper"})
     assert other.payload_kg == config.robot.payload_kg
+
+
+def test_the_arm_is_not_moved_with_a_load_that_nobody_has_stated(tmp_path: Path) -> None:
+    config = cell(tmp_path)
+    unloaded = config.model_copy(update={"robot": config.robot.model_copy(update={"load_stated": False})})
+    assert loaded_tool(unloaded, "laser-check", "gripper", needed=True) is not None, "a twin carries nothing"
+    real = unloaded.model_copy(update={"cell": config.cell.model_copy(update={"twin": False})})
+    assert loaded_tool(real, "laser-check", "needle", needed=True) is not None, "it has a load of its own"
+    assert loaded_tool(real, "tracker-sampling", "gripper", needed=False) is not None, "it moves nothing"
+
+    async def main() -> None:
+        async with open_cell(unloaded, job="laser-reference") as subject:
+            subject.engine.context.config = real
+            refusal = await refused(subject.start(params={"tool": "gripper"}))
+            assert refusal.name == "CONFIG_INVALID"
+            assert f"{config.source}: [robot] payload_kg is missing: weigh what is on the" in str(refusal)
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(
+    ("plain", "needle", "found"), [("", 0.4, False), ("", None, True), ("tool = {}", 0.4, True)]
+)
+def test_check_names_a_load_that_is_missing_where_a_tool_needs_it(
+    plain: str, needle: float | None, found: bool
+) -> None:
+    text = init_text().replace("payload_kg = 1.2", "")
+    raw = tomllib.loads(re.sub(r"(?m)^tool = .*$", plain, text))
+    raw["tool"] = {"needle": {} if needle is None else {"payload_kg": needle}}
+    findings = Findings("cell.toml")
+    check_contradictions(raw, findings)
+    assert [p for p in findings.problems if "robot.payload_kg: is missing" in p] == findings.problems
+    assert bool(findings.problems) is found
 
 
 def test_a_tool_that_was_edited_under_its_version_bars_that_tool_alone(
