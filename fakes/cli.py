@@ -63,10 +63,7 @@ def twin(
     It writes a cell.toml for 'cellward run' into its folder, and prints where.
     """
     if (command := context.invoked_subcommand) is not None:
-        source = context.get_parameter_source("folder")
-        if source is not None and source.name == "COMMANDLINE":
-            text = f"it belongs behind the command, as in: cellward-twin {command} ... --out {folder}"
-            raise typer.BadParameter(text, param_hint="--out")
+        _refuse_before(command, context, folder)
         return
     if scenario is None:
         from fakes.world.scenario import shipped_scenarios
@@ -84,6 +81,19 @@ def twin(
 
         scenario += IDEAL_SUFFIX
     _serve(scenario, folder, bind, operator == "auto")
+
+
+def _refuse_before(command: str, context: typer.Context, folder: Path) -> None:
+    """Options of a twin that is started, given to a command: it would go to another twin, or without them."""
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        if name == "folder":
+            text = f"it belongs behind the command, as in: cellward-twin {command} ... --out {folder}"
+            raise typer.BadParameter(text, param_hint="--out")
+        text = f"it is for starting a twin, and '{command}' starts none; leave it out"
+        raise typer.BadParameter(text, param_hint=f"--{name.replace('_', '-')}")
 
 
 @app.command()

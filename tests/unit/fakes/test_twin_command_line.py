@@ -43,3 +43,14 @@ def test_the_page_confirms_what_its_jobs_ask() -> None:
     assert asks == {"laser-reference": True, "laser-check": False, "laser-update": True}
     (automatic,) = [line for line in page.splitlines() if "--operator auto" in line]
     assert "`cellward confirm ID` remains for you" in automatic
+
+
+@pytest.mark.parametrize(
+    "words", [["--scenario", "laser"], ["--ideal"], ["--bind", "127.0.0.2"], ["--operator", "auto"]]
+)
+def test_what_starts_a_twin_is_refused_before_a_command_that_starts_none(words: list[str]) -> None:
+    result = CliRunner().invoke(cli.app, [*words, "scenarios"])
+    assert result.exit_code == 2
+    assert f"{words[0]}: it is for starting a twin, and 'scenarios' starts none" in " ".join(
+        result.output.replace("│", " ").split()
+    )
