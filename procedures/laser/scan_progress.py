@@ -25,7 +25,7 @@ class ScanProgress:
         self._run, self._search, self._course = run, search, course
         self._done = self._part_end = run.step
         scan = sum(sum(most_pairs(search, course, station)) for station in course.stations)
-        self._steps = run.step + scans * scan
+        self._scan_end, self._steps = run.step + scan, run.step + scans * scan
         self._publish()
 
     def find(self, station: BeamStation) -> None:
@@ -42,8 +42,9 @@ class ScanProgress:
         self._publish()
 
     def end(self) -> None:
-        """Every station is done."""
-        self._begin_part(0)
+        """Every station is done; the parts that a beam which was not found made needless are, too."""
+        self._done = self._part_end = self._scan_end
+        self._publish()
 
     def _begin_part(self, pairs: int) -> None:
         self._done, self._part_end = self._part_end, self._part_end + pairs

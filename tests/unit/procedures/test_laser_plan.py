@@ -1,6 +1,7 @@
 """Geometry and plan of a crossed-beam scan: where it goes, what the guard says, and what is refused."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from fakes.world.scenario import Scenario
 from procedures.laser.config import BeamSection, LaserReferenceConfig, Search
 from procedures.laser.path import course, deepest
 from procedures.laser.plan import PlanRequest, check_plan, plan_scan
-from procedures.laser.scan_progress import most_pairs
+from procedures.laser.scan_progress import ScanProgress, most_pairs
 from tests.kit.laser_cell import BRISK, laser_cell, laser_config
 from tests.kit.object_cell import no_report, refused
 
@@ -139,6 +140,18 @@ def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> N
     counted = most_pairs(search(max_descents=2), way, way.stations[0])
     assert sum(counted) == sum(row["sweeps"] for row in rows) - if_met_at_once
     assert counted[1] == 8 + 1 + 8, "measured, located lower down, and measured there"
+
+
+def test_a_scan_counts_all_its_ways_at_its_end_also_where_a_beam_was_not_found() -> None:
+    run: Any = SimpleNamespace(step=3, steps=0)
+    run.progress = lambda step, steps: run.__dict__.update(step=step, steps=steps)
+    way = course(search(), MODEL, TOOL["T_flange_tool"], None, 2)
+    subject = ScanProgress(run, search(), way, 1)
+    subject.find(way.stations[0])  # and not found: the second beam is left out
+    subject.count()
+    assert 3 < run.step < run.steps
+    subject.end()
+    assert run.step == run.steps == 3 + sum(sum(most_pairs(search(), way, one)) for one in way.stations)
 
 
 def test_the_moves_are_listed_in_the_order_in_which_they_are_made() -> None:
