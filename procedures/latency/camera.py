@@ -19,6 +19,8 @@ from cell.run_values import RunValues
 from cell.samples import Sample
 from cell.store.files import append_lines
 from procedures.arm_setup import lease_settings
+from procedures.belt.camera_to_belt import NAME as T_BASE_CAMERA
+from procedures.hand_eye_in_use import HAND_EYE, solved_lens
 from procedures.latency.camera_way import WayRequest, ends_of, plan_way
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.solver import TARGET_IN_PICTURES
@@ -28,6 +30,7 @@ from procedures.latency.to_and_fro import to_and_fro
 PASSES_FILE = "passes.jsonl"
 SEEN_WITHIN_S = 5.0
 LOOK_S = 0.05
+POSES_OF_SETUP = {"eye-in-hand": HAND_EYE, "eye-to-hand": T_BASE_CAMERA}
 PLACES_OF_SETUP = {
     "eye-in-hand": "T_flange_camera_nominal",
     "eye-to-hand": "T_base_camera_nominal",
@@ -49,7 +52,7 @@ class _DelayedCamera:
         self.X = [float(v) for v in (run.values.calibration[self.setup] or {})["X"]]
         self.passes: list[dict[str, Any]] = []
         self._q: list[float] | None = None  # in the middle of the way
-        self._lens: dict[str, Any] | None = None
+        self._lens: dict[str, Any] | None = None  # that of the pose X; the camera's own where X has none
 
     @classmethod
     def uses(cls) -> tuple[str, ...]:
@@ -165,7 +168,8 @@ class _DelayedCamera:
             if sample is not None and sample.t > since:
                 board = sample.value.board
                 if board is not None and len(board.ids) >= FEWEST_POINTS:
-                    self._lens = asdict(sample.value.intrinsics)
+                    told, name = sample.value.intrinsics, POSES_OF_SETUP[self.setup]
+                    self._lens = asdict(solved_lens(self.run.values, name, told) or told)
                     return
             await clock.sleep(LOOK_S)
         raise error(

@@ -1,6 +1,6 @@
 """What an integrator can set for a latency calibration."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,7 @@ from procedures.laser.config import Floor
 
 SPEEDS_M_S = {"beams": [0.01, 0.02, 0.05]}
 OF_A_CAMERA = [0.05, 0.1, 0.2]
+BEAMS_INTERVAL_S = 0.006
 
 
 class Acceptance(Strict):
@@ -80,21 +81,20 @@ class LatencyCalibrationConfig(Strict):
     )
     accept: Acceptance = Field(default_factory=lambda: Acceptance(), description="who accepts the result")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _limit_of_beams(cls, data: Any) -> Any:
-        """A module that answers in 2.5 ms leaves 4.5 ms open, however often a beam is crossed."""
-        if not isinstance(data, dict) or data.get("source", "beams") != "beams":
-            return data
-        accept = data.get("accept", {})
-        return {**data, "accept": {"max_interval_s": 0.006, **accept}} if isinstance(accept, dict) else data
-
     @property
     def speeds(self) -> list[float]:
         """Of the ways, m/s; none where the arm stands still."""
         if self.source == "belt":
             return []
         return self.speeds_m_s or SPEEDS_M_S.get(self.source, OF_A_CAMERA)
+
+    @model_validator(mode="after")
+    def _limit_of_beams(self) -> Self:
+        """A module that answers in 2.5 ms leaves 4.5 ms open, however often a beam is crossed."""
+        if self.source == "beams" and "max_interval_s" not in self.accept.model_fields_set:
+            accept = self.accept.model_copy(update={"max_interval_s": BEAMS_INTERVAL_S})
+            object.__setattr__(self, "accept", accept)
+        return self
 
     @model_validator(mode="after")
     def _has_what_its_source_needs(self) -> Self:

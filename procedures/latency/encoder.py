@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 from cell.calibrations import belt_scale
-from cell.devices import Encoder, EncoderState, Frame
+from cell.devices import Encoder, EncoderState, Frame, Intrinsics
 from cell.errors import error
 from cell.poses import to_pose6
 from cell.procedure import FinishRequested, Run
@@ -39,6 +39,7 @@ class DelayedEncoder:
         self.counts: list[list[float]] = []
         self.sightings: list[dict[str, Any]] = []
         self.changes = 0
+        self._told: Intrinsics | None = None
         self._written = (0, 0)  # of counts and sightings
         self._moved_at = self._changed_at = run.clock.now()
         self._stands = True
@@ -68,6 +69,7 @@ class DelayedEncoder:
         """Counts by the encoder's own stamps, sightings by the camera's as corrected, and what is known."""
         return {
             "T_base_camera": to_pose6(self.camera_to_belt.T_base_camera).tolist(),
+            "camera": None if self._told is None else self.camera_to_belt.camera(self._told),
             "configured": self._belt,
             "camera_sigma_s": self.run.values.time_offset_s[CAMERA].get("sigma", 0.0),
             "encoder": self.counts,
@@ -166,6 +168,7 @@ class DelayedEncoder:
     def _frame(self, sample: Sample[Frame]) -> None:
         frame = sample.value
         if frame.items:
+            self._told = self._told or frame.intrinsics
             self.sightings.append(
                 {
                     "t": round(frame.t_exposure, 7),

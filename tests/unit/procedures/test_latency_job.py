@@ -21,7 +21,7 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
-from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.config import Acceptance, LatencyCalibrationConfig
 from procedures.latency.procedure import LatencyCalibration
 from procedures.latency.solver import SIGNALS, crossings_of
 from procedures.latency.states import State
@@ -129,6 +129,8 @@ def test_the_limit_is_that_of_the_source_unless_it_is_given() -> None:
     tables = [{}, {"accept": {}}, belt, given, belt | given]
     limits = [LatencyCalibrationConfig.model_validate(table) for table in tables]
     assert [config.accept.max_interval_s for config in limits] == [0.006, 0.006, 0.002, 0.001, 0.001]
+    assert LatencyCalibrationConfig(accept=Acceptance()) == limits[0]
+    assert LatencyCalibrationConfig() == limits[0]
     again = limits[0].model_dump(mode="json")
     assert LatencyCalibrationConfig.model_validate(again) == limits[0]
 

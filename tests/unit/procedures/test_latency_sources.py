@@ -1,17 +1,24 @@
 """The delays of a camera and of an encoder on the object face: as the world has them, and in effect after."""
 
+import asyncio
+import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from cell.calibrations import time_offset
+from cell.devices import Intrinsics
 from cell.errors import CellError
+from cell.run_values import RunValues
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from daemon.rehearsal.objects import rehearsed_cell
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
+from procedures.latency.camera import FixedCamera, FlangeCamera
+from procedures.latency.config import LatencyCalibrationConfig
 from tests.kit.object_cell import (
     WHO,
     ObjectCell,
@@ -98,6 +105,12 @@ def test_an_encoder_is_late_against_a_camera_whose_delay_is_known(tmp_path: Path
             end = await cell.run_job(job=JOB)
             assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end["error"]
             result = judged(cell, "belt", ENCODER_S)
+            data = json.loads((cell.folder(1).path / "latency.json").read_text())
+            assert data["camera"]["told"]["width"] > 0
+            assert "lens" in data["camera"], "that the items were placed with"
+            run = cell.engine.run
+            assert run is not None
+            assert run.step == run.steps == BELT["changes"]
             assert result["uncertainty"]["camera_sigma_s"] == pytest.approx(1e-4 / 1.96, rel=0.01)
             assert result["uncertainty"]["sigma_s"] > result["uncertainty"]["camera_sigma_s"]
             assert (cell.plant.world.track.at(cell.clock.now())[0] == before).all()
@@ -164,6 +177,38 @@ def test_a_camera_on_the_flange_is_carried_past_its_board(tmp_path: Path) -> Non
             assert cell.at_rest()
 
     run_virtual(main())
+
+
+@pytest.mark.parametrize(
+    ("subject", "name"), [(FlangeCamera, "T_flange_camera"), (FixedCamera, "T_base_camera")]
+)
+def test_pictures_are_solved_with_the_lens_that_belongs_to_the_pose_of_the_camera(
+    subject: Any, name: str
+) -> None:
+    told = Intrinsics(640, 480, (500.0, 500.0, 319.5, 239.5), (0.0,) * 5)
+    found = {"width": 640, "height": 480, "K": [503.0, 503.0, 322.0, 240.0], "dist": [0.01] * 5}
+    board = SimpleNamespace(ids=range(99))
+    seen = SimpleNamespace(t=1.0, value=SimpleNamespace(board=board, intrinsics=told))
+    camera = SimpleNamespace(frames=SimpleNamespace(last=lambda: seen))
+
+    def lens(of: dict[str, Any]) -> Any:
+        values = RunValues(
+            {},
+            targets={"board": {}},
+            calibration={subject.setup: {"X": [0.0] * 6}},
+            uncertainty={name: {"lens": of}},
+        )
+        clock = SimpleNamespace(now=lambda: 0.0)
+        run: Any = SimpleNamespace(
+            values=values, clock=clock, device=lambda *_: camera, arm=lambda: None, cell=None
+        )
+        job = LatencyCalibrationConfig.model_validate({"source": subject.role, "target": "board"})
+        source = subject(job, run)
+        asyncio.run(source._see_target())
+        return source.data()["camera"]
+
+    assert list(lens(found)["K"]) == found["K"]
+    assert list(lens(found | {"width": 1280})["K"]) == list(told.K), "it is for larger pictures"
 
 
 def test_a_finish_before_the_first_way_says_that_nothing_was_taken(tmp_path: Path) -> None:
