@@ -1,8 +1,10 @@
 """What ``cellward check`` expects of a touch test, by the configuration alone."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from calibration.targets import make_target
 from cell.calibrations import laser_reference
@@ -26,6 +28,13 @@ def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
     if job.look_pose not in setup.poses:
         problems.append(f"look_pose = '{job.look_pose}' is not in [poses]; add the pose or name another")
     cautions = _cautions(setup)
+    if target is not None and _size_open(setup, job, target):
+        cautions.append(
+            f"whether stand_off_m = {job.stand_off_m:g} is enough could not be predicted: the size of "
+            f"'{job.target}' is known as a printer's only, which counts more the farther away the board is "
+            f"looked at; measure it and state scale_sigma in [target.{job.target}], or calibrate the camera "
+            "with this board (else the job refuses after its look, before the tool goes down)"
+        )
     count = _USUAL if job.corners is None else len(job.corners)
     alone = float(np.hypot(job.tool_sigma_m, job.stand_sigma_m / np.sqrt(count)))
     text = (
@@ -33,6 +42,18 @@ def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
         "axis (one standard deviation), hand-eye, arm and look come on top"
     )
     return {"text": problems[0] if problems else text, "problems": problems, "cautions": cautions}
+
+
+def _size_open(setup: Setup, job: TouchTestConfig, target: Mapping[str, Any]) -> bool:
+    """Whether neither the configuration tells how well the board's size is known, nor the hand-eye will."""
+    captured = [getattr(one, "target", None) for one in setup.jobs if _calibrates_the_camera(one)]
+    return not (job.target in captured or target.get("scale_sigma"))
+
+
+def _calibrates_the_camera(section: BaseModel) -> bool:
+    """Whether a job's section is that of a capture with the flange's camera; which job that is is not known
+    here."""
+    return getattr(section, "setup", None) == "eye-in-hand"
 
 
 def _cautions(setup: Setup) -> list[str]:

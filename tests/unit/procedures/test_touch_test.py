@@ -19,6 +19,7 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Obstacle
 from procedures.beside_truth import Judged
 from procedures.documents import read_result
+from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye_in_use import HAND_EYE
 from procedures.touch_test.config import TouchTestConfig
 from procedures.touch_test.expectation import touch_expectation
@@ -328,6 +329,26 @@ def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None
         rows = [{"name": name, "state": "committed"} for name in (HAND_EYE, laser_reference(tool))]
         known = replace(setup, calibrations=lambda rows=rows: rows)
         assert len(touch_expectation(known, TouchTestConfig(**HASTY))["cautions"]) == cautions
+
+
+def test_check_says_that_a_stand_off_over_a_board_of_unknown_size_could_not_be_predicted(
+    tmp_path: Path,
+) -> None:
+    setup, job = setup_of(touch_config(tmp_path)), TouchTestConfig(**{**HASTY, "target": "other"})
+    sized = {"other": {**setup.values.targets["board"], "scale_sigma": 0.0002}}
+    bare = {"other": {**setup.values.targets["board"], "scale_sigma": None}}
+    calibrated_with_it = [ConeCaptureConfig(target="other")]
+    for targets, jobs, expected in (
+        (bare, [], True),
+        (bare, [ConeCaptureConfig(target="board")], True),
+        (bare, [ConeCaptureConfig(target="other", setup="eye-to-hand")], True),
+        (bare, calibrated_with_it, False),
+        (sized, [], False),
+    ):
+        known = replace(setup, values=replace(setup.values, targets=targets), jobs=jobs)
+        told = [t for t in touch_expectation(known, job)["cautions"] if "could not be predicted" in t]
+        assert bool(told) is expected
+        assert not told or "measure it and state scale_sigma in [target.other]" in told[0]
 
 
 def test_a_dry_run_lists_the_corners_as_they_are_seen_and_moves_nothing(tmp_path: Path) -> None:
