@@ -18,6 +18,7 @@ from cell.store.runs import RunFolder
 from daemon.adoption import adoptable
 from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
+from daemon.controller_limits import told_by
 from daemon.deciding import Decisions
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
@@ -144,7 +145,7 @@ class Engine:
         config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
         asked = config, self.ledger, supervisor, roles, tool, procedure.reads_reference
         values = await asyncio.to_thread(resolve_values, *asked)
-        values = with_limits(values, procedure, config, supervisor)
+        values = with_limits(values, procedure, told_by(config, supervisor))
         values = with_arm_model(values, procedure, config, supervisor)
         procedure.check(values)
         return values

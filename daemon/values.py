@@ -164,17 +164,15 @@ def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, flo
     return offset
 
 
-def with_limits(
-    values: RunValues, procedure: Procedure, config: CellConfig, supervisor: Supervisor
-) -> RunValues:
-    """``values`` with the limits that the job brings, and for a job that moves the arm none beyond those of
-    the arm's controller: ``LIMITS_BEYOND_CONTROLLER`` where they are more than rounded."""
+def with_limits(values: RunValues, procedure: Procedure, told: Mapping[str, Any]) -> RunValues:
+    """``values`` with the limits that the job brings, and for a job that moves the arm none beyond those that
+    the arm's controller ``told``: ``LIMITS_BEYOND_CONTROLLER`` where they are more than rounded."""
     of_job = getattr(procedure.config, "limits", None)
     values = with_job_limits(values, of_job)
     if "arm" not in procedure.uses():
         return values
     section = f"job.{procedure.name}.limits" if hasattr(of_job, "joint_speed_rad_s") else "limits"
-    return replace(values, limits=require_within(values.limits, told_by(config, supervisor), section))
+    return replace(values, limits=require_within(values.limits, told, section))
 
 
 def with_arm_model(

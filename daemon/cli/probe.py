@@ -2,7 +2,9 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,10 @@ from daemon.composition import bound_to, supervised_devices
 from daemon.config import CellConfig
 from daemon.controller_limits import narrower_than_planned, require_within
 from daemon.health import Beats
+from daemon.job_config import make_procedure
 from daemon.supervisor import ExpectedIdentity
+from daemon.values import configured_values, with_limits
+from procedures.registry import JOBS
 
 OPEN_TIMEOUT_S = 20.0
 CLOSE_TIMEOUT_S = 5.0
@@ -53,14 +58,24 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
 
 
 def judge_limits(config: CellConfig, report: dict[str, Any]) -> None:
-    """Add to the report of the arm what its controller's own limits say of ``[limits]``."""
+    """Add to the report of the arm what its controller's own limits say of ``[limits]``, and of those that a
+    job brings of its own, as its start would refuse them."""
     report["doubts"] += narrower_than_planned(config, report)
     if report["exit_code"]:
         return
-    try:
-        require_within(config.limits.model_dump(mode="json"), report)
-    except CellError as exc:
-        _blame(report, exc)
+    values = configured_values(config)
+    jobs = [make_procedure(JOBS[name], config, {}) for name in JOBS if config.job_section(name)]
+    judges: list[Callable[[], object]] = [partial(require_within, values.limits, report)]
+    judges += [partial(with_limits, values, job, report) for job in jobs]
+    found = dict[str, None]()  # each once, though jobs share [limits]
+    for judge in judges:
+        try:
+            judge()
+        except CellError as exc:
+            if exc.name == "LIMITS_BEYOND_CONTROLLER":  # others are findings of the check itself
+                found[exc.detail] = None
+    if found:
+        _blame(report, error("LIMITS_BEYOND_CONTROLLER", "; ".join(found)))
 
 
 class _Order:

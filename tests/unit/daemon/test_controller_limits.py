@@ -16,6 +16,7 @@ from daemon.values import configured_values, resolve_values, with_limits
 from fakes.object import run_virtual
 from procedures.belt.config import JobLimits
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
+from tests.kit.picking_cell import picking_config
 
 BOX = [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}]
 TURN = [-6.336, 6.336]  # what a controller tells as delivered
@@ -87,9 +88,7 @@ def of_job(tmp_path: Path, job_limits: Any, told: dict[str, Any], **limits: Any)
     procedure: Any = SimpleNamespace(
         name="belt-tracking", config=SimpleNamespace(limits=job_limits), uses=lambda: ("arm",)
     )
-    arm = SimpleNamespace(identity=SimpleNamespace(extra=told))
-    supervisor: Any = SimpleNamespace(devices={"arm": arm})
-    return with_limits(configured_values(config), procedure, config, supervisor).limits
+    return with_limits(configured_values(config), procedure, told).limits
 
 
 def test_joint_speeds_of_a_job_are_corrected_in_its_own_section(tmp_path: Path) -> None:
@@ -186,3 +185,13 @@ def test_a_probe_finds_limits_beyond_the_controllers(
     assert ("(4009)" in report["answer"]) == bool(exit_code)
     assert len(report["doubts"]) == bool(doubt)
     assert all(doubt in text for text in report["doubts"])
+
+
+def test_a_probe_finds_the_limits_that_a_job_brings_of_its_own(tmp_path: Path) -> None:
+    limits = {"workspace": BOX, "allow_job_override": True}
+    config = picking_config(tmp_path, {"limits": {"joint_speed_rad_s": 2.4}}, limits=limits)
+    report: dict[str, Any] = {"device": "arm", "answer": "ok", "exit_code": 0, "doubts": [], **TOLD}
+    judge_limits(config, report)
+    assert report["exit_code"] == 2
+    assert report["answer"].count("joint 'base'") == 1
+    assert "write job.belt-tracking.limits.joint_speed_rad_s = [2.294, 2.294, 2.4, " in report["answer"]
