@@ -5,6 +5,7 @@
 Each runs in a process of its own, so that its peak memory is its own.
 """
 
+import hashlib
 import json
 import os
 import resource
@@ -17,24 +18,31 @@ from io import TextIOBase
 from pathlib import Path
 
 from bench._expected import expect
-from cell.store.runs import END_SCHEMA, RUN_SCHEMA, list_runs
+from cell.store.runs import END_SCHEMA, RESULT_FILE, RESULT_SUM, RUN_SCHEMA, list_runs
 
 NEWEST = 20
 CONFIG_VALUES = 300  # run.json carries the configuration: about 10 kB
+RESULT_BYTES = 1_000_000  # a long one
 
 
 def make(runs: Path, number: int) -> None:
-    """``number`` ended runs, a minute apart."""
+    """``number`` ended runs, a minute apart; the newest have a result, whose sum is looked at."""
     begin = datetime(2026, 1, 1, tzinfo=UTC)
     config = {f"key_{i}": [i * 0.1, "text"] for i in range(CONFIG_VALUES)}
-    end = json.dumps({"schema": END_SCHEMA, "outcome": "complete", "verdict": "pass"})
+    end = {"schema": END_SCHEMA, "outcome": "complete", "verdict": "pass"}
+    result = b" " * RESULT_BYTES
+    judged = json.dumps({**end, RESULT_SUM: hashlib.sha256(result).hexdigest()})
+    unjudged = json.dumps(end)
     for run_id in range(1, number + 1):
         started = begin + timedelta(minutes=run_id)
         folder = runs / f"{started:%Y%m%dT%H%M%SZ}_laser-check_{run_id}"
         folder.mkdir()
         info = {"schema": RUN_SCHEMA, "run_id": run_id, "job": "laser-check"}
         (folder / "run.json").write_text(json.dumps({**info, "started": str(started), "config": config}))
-        (folder / "end.json").write_text(end)
+        newest = run_id > number - NEWEST
+        (folder / "end.json").write_text(judged if newest else unjudged)
+        if newest:
+            (folder / RESULT_FILE).write_bytes(result)
 
 
 def measure(runs: Path, way: str) -> None:

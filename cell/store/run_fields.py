@@ -13,6 +13,7 @@ END_FIELDS: Mapping[str, Any] = {
     "outcome": str,
     "packml": str | None,
     "verdict": str | None,
+    "result_sha256": str | None,
     "figure": dict | None,
     "error": dict | None,
 }

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from cell.errors import CellError, error
 from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
+from cell.store.fingerprint import sum_of
 from cell.store.journal import Journal, read_journal
 from cell.store.json_text import JsonText
 from cell.store.run_fields import END_FIELDS, RUN_FIELDS, misfit
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 
 RUN_SCHEMA = "cellward.run/1"
 END_SCHEMA = "cellward.end/1"
-JOURNAL_FILE = "journal.jsonl"
+JOURNAL_FILE, RESULT_FILE = "journal.jsonl", "result.json"
+ALTERED = "altered"  # in the place of the verdict of a result that is not as it was at the end of its run
+RESULT_SUM = "result_sha256"
 _NAME = re.compile(r"(?P<utc>\d{8}T\d{6}Z)_(?P<job>[a-z0-9][a-z0-9-]*)_(?P<id>\d+)")
 
 
@@ -82,7 +85,7 @@ class RunFolder:
     def write_result(self, result: Mapping[str, Any] | JsonText) -> None:
         """``result.json``, whole or absent; ``result`` as a document or as its text."""
         self.check_on_disk()
-        write_atomic(self.path / "result.json", to_json(result, indent=1))
+        write_atomic(self.path / RESULT_FILE, to_json(result, indent=1))
 
     def finish(self, end: Mapping[str, Any]) -> None:
         """Write ``end.json``, the last file of a run; its absence means that the run was interrupted."""
@@ -91,6 +94,8 @@ class RunFolder:
             journal.sync()
             ended = datetime.fromtimestamp(self._wall(), UTC).isoformat()
             last = {"schema": END_SCHEMA, "ended": ended, "software": software(), **end}
+            if (result := self.path / RESULT_FILE).is_file():
+                last[RESULT_SUM] = sum_of(result)
             write_atomic(self.path / "end.json", to_json(last, indent=1))
         finally:
             self.close()
@@ -122,13 +127,18 @@ class RunFolder:
         return read_journal(path) if path.exists() else []
 
     def read_result(self) -> dict[str, Any] | None:
-        return self._read_optional("result.json")
+        return self._read_optional(RESULT_FILE)
 
     def read_end(self) -> dict[str, Any] | None:
-        """``end.json``, or None without one; ``FILE_UNREADABLE`` names what it should not hold."""
+        """``end.json``, or None without one; ``FILE_UNREADABLE`` names what it should not hold.
+
+        With the verdict ``altered`` and no figure where ``result.json`` is not as it was at the end.
+        """
         end = self._read_optional("end.json")
         if end is not None and (wrong := misfit(END_FIELDS, end)):
             raise error("FILE_UNREADABLE", f"{self.path / 'end.json'}: {wrong}")
+        if end is not None and result_altered(self.path, end):
+            return {**end, "verdict": ALTERED, "figure": None}
         return end
 
     def close(self) -> None:
@@ -153,6 +163,12 @@ class RunFolder:
         if not isinstance(content, dict):
             raise error("FILE_UNREADABLE", f"{path}: a JSON object was expected")
         return content
+
+
+def result_altered(folder: Path, end: Mapping[str, Any]) -> bool:
+    """Whether ``result.json`` is not as it was at the ``end`` of the run; early ends have no sum of it."""
+    kept, path = end.get(RESULT_SUM), folder / RESULT_FILE
+    return kept is not None and (not path.is_file() or sum_of(path) != kept)
 
 
 def list_runs(runs: Path, newest: int | None = None) -> list[RunFolder]:

@@ -20,18 +20,22 @@ RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_de
 
 def load(config: Path | None, run_id: int) -> Any:
     """The folder of a run; ``NOT_FOUND``, which says when and why it was removed if it was."""
-    from cell.store.runs import load_run
+    from cell.store.runs import ALTERED, load_run
 
     runs = cell_paths(config).runs
     know_configured_jobs(config)
     try:
-        return load_run(runs, run_id)
+        run = load_run(runs, run_id)
     except CellError as exc:
         from daemon.cli.pruned_text import removed_folder
 
         if exc.name == "NOT_FOUND" and (removed := removed_folder(runs, run_id)):
             raise error("NOT_FOUND", removed) from exc
         raise
+    if _end_or_reason(run).get("verdict") == ALTERED:
+        told = f"the result of run {run_id} was altered after the run's end"
+        say(f"Warning: {told}; see 'cellward verify {run_id}'")
+    return run
 
 
 def result_of(run: Any) -> dict[str, Any]:

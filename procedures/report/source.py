@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar, cast
 from cell.errors import CellError
 from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
+from cell.store.runs import result_altered
 from cell.store.signatures import Checked, check_signatures
 
 JOURNAL_FILE = "journal.jsonl"
@@ -61,6 +62,8 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
     source.run = _optional(folder / "run.json", source.missing)
     if (folder / "end.json").exists():
         source.end = _optional(folder / "end.json", source.missing)
+        if result_altered(folder, source.end):
+            source.missing.append("The result was altered after the run's end: it is not what the job found.")
     if (folder / TRUTH_FILE).exists():
         source.truth = _optional(folder / TRUTH_FILE, source.missing)
     source.journal = _journal(folder / JOURNAL_FILE, source.missing)

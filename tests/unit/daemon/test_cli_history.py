@@ -1,5 +1,6 @@
 """Commands that read run folders and the ledger, and need no daemon."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from cell.errors import error
 from cell.store.ledger import Ledger
+from cell.store.run_list import listed_runs
 from daemon.cli.replay import differences
 from procedures.documents import read_result
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
@@ -26,6 +28,35 @@ def test_runs_lists_every_run_with_how_it_ended(cell: CellOnDisk, subject: Comma
         (2, "running or interrupted", None),
     ]
     assert "interrupted" in subject("runs").out
+
+
+def test_no_verdict_is_told_of_a_result_that_was_altered_after_its_run(
+    cell: CellOnDisk, subject: CommandLine
+) -> None:
+    end = {"outcome": "complete", "verdict": "pass", "figure": {"value": 1.0}}
+    altered, removed, earlier, _ = (cell.add_run(n, hand_eye_result(), **end).path for n in (1, 2, 3, 4))
+    assert {row["verdict"] for row in json.loads(subject("runs", "--json").out)} == {"pass"}
+    result = (altered / "result.json").read_text()
+    for folder in (altered, earlier):
+        (folder / "result.json").write_text(result.replace("-0.08", "-0.07"))
+    (removed / "result.json").unlink()
+    kept = json.loads((earlier / "end.json").read_text())
+    assert kept.pop("result_sha256") == hashlib.sha256(result.encode()).hexdigest()
+    (earlier / "end.json").write_text(json.dumps(kept))
+    rows = json.loads(subject("runs", "--json").out)
+    assert [row["verdict"] for row in rows] == ["altered", "altered", "pass", "pass"], "3 has no sum to tell"
+    listed = listed_runs(altered.parent, None, 9)
+    assert [(run.verdict, run.figure) for run in listed[-2:]] == [("altered", None)] * 2
+    for command in ("show", "report"):
+        assert "the result of run 1 was altered after the run's end; see 'cellward verify 1'" in words(
+            subject(command, 1).err
+        )
+        assert "altered" not in subject(command, 4).err
+    assert "it is not what the job found" in (altered / "report.html").read_text("utf-8")
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
 
 
 def test_a_run_that_cannot_be_read_hides_no_other(cell: CellOnDisk, subject: CommandLine) -> None:
