@@ -275,9 +275,12 @@ class Scenario(Strict):
 
     @classmethod
     def parse(cls, text: str, name: str = "scenario", ideal: bool = False) -> "Scenario":
-        """Parse and check TOML text, as an ideal world on request; ``CONFIG_INVALID`` lists every finding."""
+        """Parse and check TOML text, as an ideal world on request; ``CONFIG_INVALID`` lists every finding.
+
+        With ``like`` it says only what differs from that shipped scenario.
+        """
         try:
-            tables = tomllib.loads(text)
+            tables = _whole(tomllib.loads(text), name)
             if ideal and isinstance(tables.get("world"), dict):
                 tables["world"] = _kinder(tables["world"])
             return cls.model_validate(tables)
@@ -354,6 +357,30 @@ class Scenario(Strict):
             (folder / ROBOT_FILE).write_text(json.dumps(self.world.arm.robot, indent=1), "utf-8")
         if self.world.observed is not None:
             (folder / OBSERVED_MODEL).write_text(json.dumps(self.world.observed.robot, indent=1), "utf-8")
+
+
+def _whole(tables: dict[str, Any], name: str) -> dict[str, Any]:
+    """``tables`` of the scenario ``name``, over those of the shipped one that they are ``like``, if any."""
+    if (like := tables.pop("like", None)) is None:
+        return tables
+    known = [other for other in shipped_scenarios() if other != name]
+    if like not in known:
+        raise error(
+            "CONFIG_INVALID", f"{name}: like = {like!r} is not a shipped scenario: {', '.join(known)}"
+        )
+    text = files("fakes").joinpath("scenarios", f"{like}.toml").read_text("utf-8")
+    return _changed(_whole(tomllib.loads(text), like), tables)
+
+
+def _changed(tables: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
+    """``tables`` with what ``by`` says otherwise, at every depth."""
+    both = {
+        key: _changed(tables[key], value)
+        if isinstance(tables.get(key), dict) and isinstance(value, dict)
+        else value
+        for key, value in by.items()
+    }
+    return {**tables, **both}
 
 
 def _kinder(world: Mapping[str, Any]) -> dict[str, Any]:

@@ -81,6 +81,20 @@ def test_wrong_values_are_named(old: str, new: str, said: str) -> None:
     assert said in broken(old, new)
 
 
+def test_a_scenario_that_is_like_another_says_only_what_differs() -> None:
+    subject, other = Scenario.load("picking_auto_exposure"), Scenario.load("picking")
+    assert subject.world.camera.exposure().time_s == pytest.approx(0.081)
+    assert other.world.camera.exposure().time_s == 0.004
+    assert subject.world.model_copy(update={"camera": other.world.camera}) == other.world
+    assert subject.cell.poses == other.cell.poses
+    assert Scenario.load("picking_auto_exposure:ideal").world == Scenario.load("picking:ideal").world
+
+
+def test_what_a_scenario_is_like_has_to_be_a_shipped_one() -> None:
+    with pytest.raises(CellError, match=r"mine: like = 'pickin' is not a shipped scenario: .*picking,"):
+        Scenario.parse('schema = "cellward.scenario/1"\nlike = "pickin"', "mine")
+
+
 def test_faults_have_a_device_a_kind_and_a_time() -> None:
     text = (FOLDER / "hand_eye.toml").read_text("utf-8")
     fault = '[[fault]]\ndevice = "arm"\nkind = "protective-stop"\nwhen_s = 12.5\n'
