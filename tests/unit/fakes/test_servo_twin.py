@@ -99,6 +99,12 @@ def test_the_text_of_an_ideal_world_is_what_its_name_loads(name: str) -> None:
     assert Scenario.parse(text, ideal="\nlike = " in text) == Scenario.load(f"{name}:ideal")
 
 
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_no_shipped_gripper_closes_at_once(name: str) -> None:
+    gripper = Scenario.load(name).world.gripper
+    assert gripper is None or min(gripper.close_s, gripper.open_s) >= 0.2
+
+
 def test_a_twin_of_an_arm_whose_speeds_nobody_published_needs_those_of_its_controller() -> None:
     truth = Scenario.load("hand_eye:ideal").world
     arm = truth.arm.model_copy(update={"model": "ur8long"})
