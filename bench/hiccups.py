@@ -134,6 +134,8 @@ TOUCH = """
 [cell.job.touch-test]
 target = "board"
 look_pose = "home"
+stand_off_m = 0.008  # how large the board was printed is not known here
+clear_m = 0.015
 """
 ISO9283 = """
 [cell.job.iso9283]

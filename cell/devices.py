@@ -356,7 +356,7 @@ class DepthCamera(Device, Protocol):
         """``count`` frames exposed wholly after ``after``, with colour and depth files in ``folder``.
 
         Files are ``<stem>-<k>.png`` (colour) and ``<stem>-<k>-depth.png`` (16 bit, mm), on disk when this
-        returns. ``DEVICE_LOST`` when frames stop.
+        returns. ``DEVICE_LOST`` when frames stop, ``DISK_FAILED`` without the folder.
         """
         ...
 

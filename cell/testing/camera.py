@@ -104,6 +104,16 @@ class CameraContract(DeviceContract[CameraRig]):
 
         subject(scene)
 
+    def test_a_capture_into_a_folder_that_is_not_there_fails_by_name(
+        self, subject: Bench[CameraRig], tmp_path: Path
+    ) -> None:
+        async def scene(rig: CameraRig) -> None:
+            with pytest.raises(CellError) as failed:
+                await rig.device.capture(1, tmp_path / "none", "pose", rig.clock.now())
+            assert failed.value.name == "DISK_FAILED"
+
+        subject(scene)
+
     def test_the_board_is_found_where_it_truly_is_at_exposure(
         self, subject: Bench[CameraRig], tmp_path: Path
     ) -> None:

@@ -81,7 +81,9 @@ class ObjectCamera(ObjectDevice):
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
         """``count`` frames exposed wholly after ``after``; this face writes files where there is a rack, of
-        which it is the picture that is looked at."""
+        which it is the picture that is looked at. ``DISK_FAILED`` without the folder."""
+        if not await asyncio.to_thread(folder.is_dir):
+            raise error("DISK_FAILED", f"{folder}: there is no such folder")
         frames: list[Frame] = []
         while len(frames) < count:
             if self.lost is not None:

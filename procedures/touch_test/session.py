@@ -107,7 +107,7 @@ class TouchRun:
             raise error("POSE_UNSTABLE", f"the arm did not come to rest in {STANDSTILL_TIMEOUT_S:g} s")
         await run.clock.sleep(config.settle_s)
         started = run.clock.now()
-        frames = await self.camera.capture(config.frames, run.folder / "images", "look", started)
+        frames = await self.camera.capture(config.frames, run.folder, "look", started)
         states = [s.value for s in self.arm.state.between(started, frames[-1].exposed_until)]
         if not states or not all(state.at_rest for state in states):
             raise error("POSE_UNSTABLE", "the arm moved while the board was looked at")

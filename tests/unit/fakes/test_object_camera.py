@@ -11,7 +11,7 @@ from cell.errors import CellError
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
 from fakes.world.targets import target_points
 
-NOWHERE = Path("unused")
+HERE = Path(__file__).parent  # this face writes nothing there
 
 Scene = Callable[[ObjectCamera], Coroutine[Any, Any, Any]]
 
@@ -37,7 +37,7 @@ def test_pixel_noise_is_new_in_each_frame_and_of_the_size_in_the_scenario(
     subject: Callable[[Scene], Any],
 ) -> None:
     async def scene(camera: ObjectCamera) -> np.ndarray:
-        frames = await camera.capture(60, NOWHERE, "x", camera.clock.now())
+        frames = await camera.capture(60, HERE, "x", camera.clock.now())
         return np.array([f.board.corners for f in frames if f.board is not None])
 
     corners = subject(scene)
@@ -48,7 +48,7 @@ def test_pixel_noise_is_new_in_each_frame_and_of_the_size_in_the_scenario(
 
 def test_two_runs_see_the_same_pixels(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> bytes:
-        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        (frame,) = await camera.capture(1, HERE, "x", camera.clock.now())
         assert frame.board is not None
         return frame.board.corners.tobytes()
 
@@ -62,7 +62,7 @@ def test_corners_outside_the_picture_are_not_reported(subject: Callable[[Scene],
         now = camera.clock.now()
         end = world.track.start_joint_move(now, world.track.at(now)[0] + [0.5, 0, 0, 0, 0, 0], 1.0, 5.0)
         await camera.clock.sleep(end - now)
-        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        (frame,) = await camera.capture(1, HERE, "x", camera.clock.now())
         assert frame.board is not None
         assert 0 < len(frame.board.ids) < 54
         assert np.all(frame.board.corners > 0)
@@ -80,7 +80,7 @@ def test_a_board_seen_from_behind_is_not_found(subject: Callable[[Scene], Any]) 
         q[4] += np.pi
         world.track.hold(now, q)
         await camera.clock.sleep(0.2)
-        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        (frame,) = await camera.capture(1, HERE, "x", camera.clock.now())
         assert frame.board is None
 
     subject(scene)
@@ -89,9 +89,9 @@ def test_a_board_seen_from_behind_is_not_found(subject: Callable[[Scene], Any]) 
 def test_a_frozen_picture_shows_the_same_pixels_again(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> None:
         camera.inject("freeze")
-        a, b = await camera.capture(2, NOWHERE, "x", camera.clock.now())
+        a, b = await camera.capture(2, HERE, "x", camera.clock.now())
         camera.inject("clear")
-        c, d = await camera.capture(2, NOWHERE, "x", camera.clock.now())
+        c, d = await camera.capture(2, HERE, "x", camera.clock.now())
         assert all(f.board is not None for f in (a, b, c, d))
         assert np.array_equal(a.board.corners, b.board.corners)
         assert not np.array_equal(c.board.corners, d.board.corners)
@@ -102,9 +102,9 @@ def test_a_frozen_picture_shows_the_same_pixels_again(subject: Callable[[Scene],
 def test_a_lost_board_comes_back_after_the_time_given(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> None:
         camera.inject("lost-board", duration_s=1.0)
-        (gone,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        (gone,) = await camera.capture(1, HERE, "x", camera.clock.now())
         await camera.clock.sleep(1.0)
-        (back,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        (back,) = await camera.capture(1, HERE, "x", camera.clock.now())
         assert gone.board is None
         assert back.board is not None
 

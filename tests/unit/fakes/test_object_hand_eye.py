@@ -14,7 +14,7 @@ from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
 from fakes.world.targets import target_points
 
 FAST = Speed(0.5, 2.0, 1.5, 4.0)
-UNUSED = Path("unused")
+HERE = Path(__file__).parent  # this face writes nothing there
 
 
 async def capture(
@@ -37,7 +37,7 @@ async def capture(
         middle = RigidTransform.from_translation([0.0, 0.0, board_ahead_m])
         turned = middle * RigidTransform.from_rotation(Rotation.from_rotvec(turn)) * middle.inv()
         await port.move_linear(start * turned, FAST)
-        frames = await camera.capture(3, UNUSED, "x", clock.now())
+        frames = await camera.capture(3, HERE, "x", clock.now())
         flanges.append(arm.state.latest(0.1).value.T_base_flange)
         boards.append(solve_pnp(points, frames))
     truth = arm.world.truth()
