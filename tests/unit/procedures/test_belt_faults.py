@@ -35,14 +35,14 @@ def test_counts_that_wrap_change_nothing(tmp_path: Path) -> None:
     world = {"count_at_start": "64000"}  # the first item is met at about 5000 counts more
 
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3}, world), lens=False) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2}, world), lens=False) as cell:
             raw: list[int] = []
             cell.context.device("belt").counts.subscribe(lambda sample: raw.append(sample.value.raw))
             run_id = await cell.start()
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
             assert min(np.diff(raw)) < -60000
-            assert counted(cell, run_id) == {**dict.fromkeys(Outcome, 0), "picked": 3}
+            assert counted(cell, run_id) == {**dict.fromkeys(Outcome, 0), "picked": 2}
             assert [w["code"] for w in cell.result(run_id)["warnings"]] == [
                 "belt.nominal",
                 "belt.delays",
@@ -58,7 +58,7 @@ def test_counts_that_wrap_change_nothing(tmp_path: Path) -> None:
 
 def test_a_position_that_somebody_sets_is_told_and_no_item_is_met_by_it(tmp_path: Path) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
             run_id = await cell.start()
             await cell.until_state("descend")
             inject(cell, "belt", "wrap", before=30_000)  # by a jump
@@ -76,7 +76,7 @@ def test_a_position_that_somebody_sets_is_told_and_no_item_is_met_by_it(tmp_path
 
 def test_a_position_that_is_set_to_zero_begins_anew_and_is_no_jump(tmp_path: Path) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 1})) as cell:
             run_id = await cell.start()
             await cell.until_state("descend")
             encoder = cell.plant.encoder.encoder
@@ -95,7 +95,7 @@ def test_a_slip_is_told_by_its_size_and_items_out_of_sight_are_met_all_the_same(
     tmp_path: Path, m: float
 ) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 4, **LATE}, APART)) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 3, **LATE}, APART)) as cell:
             run_id = await cell.start()
             await cell.until(lambda: counted(cell, run_id)["picked"], "a pick")
             await cell.until_state("wait")
@@ -107,7 +107,7 @@ def test_a_slip_is_told_by_its_size_and_items_out_of_sight_are_met_all_the_same(
             assert note["ahead_m"] == pytest.approx(m, abs=5 * note["sigma_m"] + 1e-4)
             assert note["items"] >= 2
             off = off_since(cell, slipped + 0.3)
-            assert len(off) == 3
+            assert len(off) == 2
             assert np.max(off) < 1e-3
             codes = {w["code"] for w in cell.result(run_id)["warnings"]}
             assert "belt.slip" in codes
@@ -120,7 +120,7 @@ def test_a_belt_that_stands_for_ten_seconds_is_waited_for_at_rest_and_picked_fro
     tmp_path: Path,
 ) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 1})) as cell:
             run_id = await cell.start()
             await cell.until_state("approach")
             inject(cell, "belt", "belt-stop", for_s=10.0)
@@ -134,7 +134,7 @@ def test_a_belt_that_stands_for_ten_seconds_is_waited_for_at_rest_and_picked_fro
                 await cell.clock.sleep(0.5)
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
-            assert counted(cell, run_id)["picked"] == 3
+            assert counted(cell, run_id)["picked"] == 1
             agrees_with_the_world(cell, run_id)
 
     run_virtual(scene())
@@ -144,7 +144,7 @@ def test_a_camera_that_stalls_brings_no_items_but_those_known_are_picked_and_the
     tmp_path: Path,
 ) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
             run_id = await cell.start()
             await cell.until_state("approach")
             inject(cell, "camera", "silence", duration_s=0.9)
@@ -156,7 +156,7 @@ def test_a_camera_that_stalls_brings_no_items_but_those_known_are_picked_and_the
             assert (end["outcome"], end["verdict"]) == ("complete", "warn")
             assert begun["waited_s"] > 0.5
             assert len(cell.notes(run_id, "item")) > seen
-            assert counted(cell, run_id)["picked"] == 3
+            assert counted(cell, run_id)["picked"] == 2
             assert "belt.camera-stall" in {w["code"] for w in cell.result(run_id)["warnings"]}
             agrees_with_the_world(cell, run_id)
 

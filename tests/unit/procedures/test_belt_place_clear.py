@@ -213,12 +213,12 @@ def test_after_an_interruption_a_place_that_is_taken_on_the_way_down_is_waited_f
 
 def test_a_wait_can_be_paused_and_goes_on_with_the_item_in_the_gripper(tmp_path: Path) -> None:
     async def scene() -> None:
-        async with picking_cell(config_of(tmp_path, 20.0, picks=2)) as cell:
+        async with picking_cell(config_of(tmp_path, 10.0, picks=2)) as cell:
             run_id = await cell.start()
             await waits(cell)
             await cell.engine.pause("test")
             await cell.until(lambda: cell.engine.packml.name == "HELD", "held", 5.0)
-            await cell.clock.sleep(30.0)
+            await cell.clock.sleep(10.0)
             assert len(gripper_of(cell).put_down) == 1, "held: also when the place is clear by now"
             await cell.engine.resume("test")
             assert (await cell.finished(run_id))["outcome"] == "complete"

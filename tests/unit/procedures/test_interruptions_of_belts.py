@@ -61,7 +61,7 @@ def test_set_points_that_are_late_by_more_than_the_arm_has_cost_a_step(
     moment: str, late_s: float, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Joined to where the arm was sent before, they would turn its joints faster than it may."""
-    config = picking_config(tmp_path, {"picks": 2, "max_duration_s": 60.0}, FEED)
+    config = picking_config(tmp_path, {"picks": 1, "max_duration_s": 60.0}, FEED)
     learn, states = Picker._learn, list[str]()
 
     async def slow(picker: Picker) -> None:
@@ -77,7 +77,7 @@ def test_set_points_that_are_late_by_more_than_the_arm_has_cost_a_step(
             subject = Struck(cell)
             await run_struck(subject)
             assert len(subject.taken_again) == times, subject.taken_again
-            assert counted(cell, 1)["picked"] == 2
+            assert counted(cell, 1)["picked"] == 1
             agrees_with_the_world(cell, 1)
 
     run_virtual(main())
