@@ -129,12 +129,12 @@ farthest_m = 0.7
 """
 
 
-GAUGE_M, HAND_M = 0.003, 0.0002  # as the job has them by default
-TOUCH = """
+GAUGE_M, HAND_M = 0.008, 0.0002  # thick, as how large the board was printed is not known here
+TOUCH = f"""
 [cell.job.touch-test]
 target = "board"
 look_pose = "home"
-stand_off_m = 0.008  # how large the board was printed is not known here
+stand_off_m = {GAUGE_M}
 clear_m = 0.015
 """
 ISO9283 = """
