@@ -33,11 +33,17 @@ PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
 ANGLE_PER_M = 1.5  # of an arm: standard deviation of its angles (rad) for one of its lengths (m)
 PLANS = {
     "cone": (3, 20),
+    "few on cones": (3, 10),
+    "one cone": (1, 12),
     "diverse": (10, 20),
     "branches": (3, 40),
+    "few branches": (3, 20),
     "small": (1, 24),
+    "few": (1, 12),
     "long": (3, 66),
 }  # placements, poses
+_CONES, _BRANCHES = ("cone", "few on cones", "one cone"), ("branches", "few branches", "long")
+_JOINTS = 13  # as a power of two: all over what the arm can reach
 SCALES = {"scale": 5e-4, "slight": 1e-4}
 WHOLE_PLANS = ("cone", "diverse", "branches")
 
@@ -49,13 +55,14 @@ Seen = tuple[Array, Array, CornerSet]
 class World:
     """One cell: its true arm (numbers of its links, joint errors), camera and board points.
 
-    The true flange is about ``base @ nominal @ flange``: (4, 4) that serve best over all joints.
+    The true flange is about ``base @ nominal @ flange``: (4, 4) that serve best over 2 ** ``joints`` joints.
     """
 
     links: Array
     gear: Array
     camera: Intrinsics
     points: Array
+    joints: int = _JOINTS
 
     @cached_property
     def chain(self) -> SerialChain:
@@ -72,7 +79,7 @@ class World:
     @cached_property
     def _serving(self) -> tuple[Array, Array]:
         """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
-        Q, nominal = _everywhere()
+        Q, nominal = _everywhere(self.joints)
         return base_and_flange(nominal, self.true_flange(Q))
 
     @property
@@ -86,9 +93,9 @@ class World:
 
 
 @cache
-def _everywhere() -> tuple[Array, Array]:
-    """Joints (n, 6) all over what the arm can reach, and the nominal flange (n, 4, 4) there."""
-    Q = reference_joints(ARM.joint_limits, 13, seed=77)
+def _everywhere(power: int) -> tuple[Array, Array]:
+    """Joints (2 ** power, 6) all over what the arm can reach, and the nominal flange (n, 4, 4) there."""
+    Q = reference_joints(ARM.joint_limits, power, seed=77)
     return Q, MODEL.base.flange(Q)
 
 
@@ -107,12 +114,14 @@ def world(
     board: str,
     gear_rad: float = 2e-5,
     sag_rad: float = 1e-4,
+    joints: int = _JOINTS,
 ) -> World:
     """``arm_m``: standard deviation of a length; angles have ``ANGLE_PER_M`` times that, gears and sag their
     own.
 
     ``lens``: exact, or off by 0.3 % and 3 px. ``board``: exact, its scale off by 0.05 %, a bow of 0.2 mm, or
-    slight: 0.01 % and that bow.
+    slight: 0.01 % and that bow. ``joints``: 2 ** 11 show base and flange to 5 um and 7 urad in a quarter of
+    the time.
     """
     kinds = np.array(MODEL.kinds)
     sigma = np.where(kinds == "length", arm_m, ANGLE_PER_M * arm_m)
@@ -131,7 +140,7 @@ def world(
         turn = rng.uniform(0, np.pi)
         across = off @ (np.cos(turn), np.sin(turn))
         points[:, 2] += rng.choice([-1.0, 1.0]) * 2e-4 * (across / np.abs(across).max()) ** 2
-    return World(links, gear, camera, points)
+    return World(links, gear, camera, points, joints)
 
 
 def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:
@@ -155,12 +164,15 @@ def gathered(placements: Sequence[Sequence[Seen]]) -> tuple[Measurements, Array]
     return Measurements("eye-in-hand", F, group, [v for _, _, v in every], none, np.eye(4)[None]), Q
 
 
-def capture_eye_to_hand(rng: np.random.Generator, cell: World) -> tuple[Measurements, Array, Array]:
-    """One cone with camera and board changed over: the camera stands in the base where the board was.
+def capture_eye_to_hand(
+    rng: np.random.Generator, cell: World, plan: str = "cone"
+) -> tuple[Measurements, Array, Array]:
+    """The first cone of ``plan`` with camera and board changed over: the camera stands in the base where the
+    board was.
 
     Views, joints, and the true T_base_camera (4, 4) for the nominal arm.
     """
-    measured, Q = capture(rng, cell, "cone")
+    measured, Q = capture(rng, cell, plan)
     rows = np.flatnonzero(measured.group == 0)
     first = measured.views[rows[0]]
     if first is None or first.start is None:
@@ -211,9 +223,10 @@ def _placement(rng: np.random.Generator, cell: World, plan: str, each: int) -> l
     down = Rotation.from_rotvec([np.pi, 0.0, 0.0])
     out = []
     for k in range(each):
-        wide = 0.44 if plan == "cone" else rng.uniform(0.0, 0.7)
-        f = 2 * np.pi * k / each if plan == "cone" else rng.uniform(0, 2 * np.pi)
-        about = 0.3 * rng.normal() if plan == "cone" else rng.uniform(-3.0, 3.0)
+        cone = plan in _CONES
+        wide = 0.44 if cone else rng.uniform(0.0, 0.7)
+        f = 2 * np.pi * k / each if cone else rng.uniform(0, 2 * np.pi)
+        about = 0.3 * rng.normal() if cone else rng.uniform(-3.0, 3.0)
         R = Rotation.from_rotvec([wide * np.sin(f), -wide * np.cos(f), 0.0])
         R = Rotation.from_rotvec([0.0, 0.0, about]) * R * down
         C = RigidTransform.from_components([0, 0, (0.40, 0.60)[k % 2]] - R.apply(POINTS.mean(axis=0)), R)
@@ -221,6 +234,6 @@ def _placement(rng: np.random.Generator, cell: World, plan: str, each: int) -> l
         if not found:
             break
         order = sorted(found, key=lambda q: (q[4] < 0, q[2] < 0, abs(q[0] - a)))
-        q = order[rng.integers(len(order))] if plan in ("branches", "long") else order[0]
+        q = order[rng.integers(len(order))] if plan in _BRANCHES else order[0]
         out.append(seen_from(rng, cell, q, W, C.as_matrix()))
     return out

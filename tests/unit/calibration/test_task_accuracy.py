@@ -36,14 +36,14 @@ def errors(setup: str) -> Iterator[tuple[bool, bool]]:
     """Of single captures: whether the error is below what is stated, as configured and as corrected."""
     for seed in range(RUNS):
         rng = np.random.default_rng([seed, 41])
-        cell = world(rng, 2e-4 * rng.uniform(0.3, 2.0), "off", "bow")
+        cell = world(rng, 2e-4 * rng.uniform(0.3, 2.0), "off", "bow", joints=11)
         q = Q_TASK + rng.uniform(-0.6, 0.6, 6)
         true = in_base(cell, q)
         if setup == "eye-in-hand":
-            measured, Q = capture(rng, cell, "small")
+            measured, Q = capture(rng, cell, "few")
             X_true = cell.X
         else:
-            measured, Q, X_true = capture_eye_to_hand(rng, cell)
+            measured, Q, X_true = capture_eye_to_hand(rng, cell, "one cone")
         found, arm = adjusted(measured, Q)
         stated = task_accuracy(found, arm, q, AHEAD_M)
         nominal = arm.model.base.flange(q[None])[0]

@@ -21,7 +21,7 @@ NAMES = {
 
 @pytest.fixture(scope="module")
 def with_joints() -> Document:
-    return good(np.random.default_rng(3), joints=True, plan="small")
+    return good(np.random.default_rng(3), joints=True, plan="few")
 
 
 def told(document: Document, folder: Path) -> tuple[set[str], str]:
@@ -29,7 +29,7 @@ def told(document: Document, folder: Path) -> tuple[set[str], str]:
     path = folder / "capture.json"
     path.write_text(json.dumps(document), "utf-8")
     try:
-        result = solve_hand_eye(path, calls=1)
+        result = solve_hand_eye(path)
     except InputError as exc:
         words = exc.detail.removeprefix(f"{path}: ")
         return {word for word in words.split(": ")[0].split(" or ")}, words
@@ -85,7 +85,7 @@ def test_a_copy_is_used_once(with_joints: Document, tmp_path: Path) -> None:
     KINDS["copies"].spoil(np.random.default_rng(2), document)
     path = tmp_path / "capture.json"
     path.write_text(json.dumps(document), "utf-8")
-    result = solve_hand_eye(path, calls=1)
+    result = solve_hand_eye(path)
     assert result["inputs"]["used"] == count  # type: ignore[index]
     reasons = [r["reason"] for r in result["result"]["rejected"]]  # type: ignore[index]
     assert len(reasons) == 3

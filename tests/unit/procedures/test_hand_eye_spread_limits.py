@@ -22,7 +22,7 @@ WIDE = {"max_error_t_m": 0.1, "max_error_r_rad": 0.1}
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> HandEyeResult:
     path = tmp_path_factory.mktemp("capture") / "capture.json"
-    path.write_text(json.dumps(good(np.random.default_rng(3), joints=True, plan="small")), "utf-8")
+    path.write_text(json.dumps(good(np.random.default_rng(3), joints=True, plan="few")), "utf-8")
     result = solve_hand_eye(path, calls=1)
     assert isinstance(result, HandEyeResult)
     return result

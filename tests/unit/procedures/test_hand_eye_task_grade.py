@@ -26,7 +26,7 @@ TASK = {"q": [0.3, -1.4, 1.9, -2.0, -1.5, 0.2], "distance_m": 0.45}
 
 
 def document(joints: bool = True) -> dict[str, Any]:
-    return good(np.random.default_rng(3), joints=joints, plan="small") | {"task": TASK}
+    return good(np.random.default_rng(3), joints=joints, plan="few") | {"task": TASK}
 
 
 def solved(folder: Path, document: dict[str, Any]) -> HandEyeResult:
