@@ -1,4 +1,4 @@
-"""The documents of results, as they are on disk, from data sets and from runs."""
+"""The documents of results, as they are on disk, from data sets and from runs. Each is solved once."""
 
 from typing import Any
 
@@ -18,28 +18,28 @@ def _document(found: Envelope) -> dict[str, Any]:
     return found.as_json()
 
 
-def solve_hand_eye(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(hand_eye.solve_hand_eye(*args, **kwargs))
+def solve_hand_eye(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(hand_eye.solve_hand_eye(*args, calls=calls, **kwargs))
 
 
-def solve_axbc(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(axbc.solve_axbc(*args, **kwargs))
+def solve_axbc(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(axbc.solve_axbc(*args, calls=calls, **kwargs))
 
 
-def solve_laser(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(laser.solve_laser(*args, **kwargs))
+def solve_laser(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(laser.solve_laser(*args, calls=calls, **kwargs))
 
 
-def solve_reference(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(laser.solve_reference(*args, **kwargs))
+def solve_reference(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(laser.solve_reference(*args, calls=calls, **kwargs))
 
 
-def solve_kincal(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(kincal.solve_kincal(*args, **kwargs))
+def solve_kincal(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(kincal.solve_kincal(*args, calls=calls, **kwargs))
 
 
-def solve_intercept(*args: Any, **kwargs: Any) -> dict[str, Any]:
-    return _document(intercept.solve_intercept(*args, **kwargs))
+def solve_intercept(*args: Any, calls: int = 1, **kwargs: Any) -> dict[str, Any]:
+    return _document(intercept.solve_intercept(*args, calls=calls, **kwargs))
 
 
 def solve_iso9283(*args: Any, **kwargs: Any) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     told = capture(placements=1, noise_px=0.02)
     told["camera"]["K"] = [K[0] * (1.0 + OFF), K[1] * (1.0 + OFF), K[2], K[3]]
     (folder / "capture.json").write_text(json.dumps(told), "utf-8")
-    result = solve_hand_eye(folder, calls=1)
+    result = solve_hand_eye(folder)
     (folder / "result.json").write_text(json.dumps(result), "utf-8")
     return folder
 

@@ -23,7 +23,7 @@ FACTORY_M = 6e-5  # of a length of an arm that its maker has calibrated
 
 def solved(folder: Path, data: dict[str, object], **asked: Path) -> Answer:
     (folder / "axbc.json").write_text(json.dumps(data), "utf-8")
-    result: Answer = solve_axbc(folder, calls=1, **asked)
+    result: Answer = solve_axbc(folder, **asked)
     read_result(result)  # every figure is in the model
     return result
 

@@ -69,7 +69,7 @@ def test_a_capture_of_corners_gives_a_result_in_the_format(
 
 def test_solving_again_gives_the_same_answer(tmp_path: Path) -> None:
     path = make_scene(2, count=16).write(tmp_path)
-    assert without_times(solve_hand_eye(path)) == without_times(solve_hand_eye(path.parent))
+    assert without_times(solve_hand_eye(path)) == without_times(solve_hand_eye(path.parent, calls=2))
 
 
 def test_the_entry_can_be_sent_to_a_worker_process() -> None:

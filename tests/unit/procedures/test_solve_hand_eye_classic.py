@@ -21,7 +21,7 @@ def capture() -> Document:
 def solved(document: Document, folder: Path, **how: Any) -> dict[str, Any]:
     path = folder / "capture.json"
     path.write_text(json.dumps(document), "utf-8")
-    result: dict[str, Any] = solve_hand_eye(path, calls=1, **how)
+    result: dict[str, Any] = solve_hand_eye(path, **how)
     return result
 
 

@@ -321,7 +321,7 @@ def test_the_shorter_of_two_calls_is_the_time_and_progress_is_told(tmp_path: Pat
     path = tmp_path / "intercept.json"
     path.write_text(json.dumps(plain()))
     told: list[tuple[str, int, int]] = []
-    result = solve_intercept(tmp_path, progress=lambda *step: told.append(step))
+    result = solve_intercept(tmp_path, progress=lambda *step: told.append(step), calls=2)
     assert result["inputs"]["solve_seconds"] > 0.0
     assert told == 2 * [("solve", 1, 1)]
 
