@@ -1,11 +1,15 @@
-"""Plans of whole runs, made once for all runs that ask for the same: planning has tests of its own."""
+"""Plans and predictions, made once for all who ask for the same: both have tests of their own."""
 
 import copy
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import wraps
+from functools import cache, wraps
 from typing import Any, TypeVar
+
+import pytest
+
+from calibration.tool_frame import prediction
 
 Request = TypeVar("Request")
 Plan = TypeVar("Plan")
@@ -47,3 +51,11 @@ def _rounded(digits: str) -> float:
     """Arms that stand alike to a microradian have one plan."""
     value = float(digits)
     return round(value, 6) if abs(value) >= _SMALL else float(f"{value:.4g}")
+
+
+@cache
+def predicted_roughly(*given: Any, **how: Any) -> prediction.ExpectedComparison:
+    """What :func:`calibration.tool_frame.prediction.predict` expects, from one draw instead of its ten."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prediction, "_DRAWS", 1)
+        return prediction.predict.__wrapped__(*given, **how)

@@ -20,6 +20,7 @@ from procedures.hand_eye.plan import plan_placement
 from procedures.laser.plan import plan_scan
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.object_cell import PLANNERS, write_config
+from tests.kit.remembered import predicted_roughly
 
 BOX = [{"min": [-1.5, -1.5, -1.0], "max": [1.5, 1.5, 2.0]}]
 
@@ -36,6 +37,7 @@ def _planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few dozen commands ask for the same handful of plans."""
     monkeypatch.setattr("procedures.hand_eye.expectation.plan_placement", PLANNERS[plan_placement])
     monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
+    monkeypatch.setattr("procedures.laser.expectation.predict", predicted_roughly)
 
 
 @pytest.fixture
