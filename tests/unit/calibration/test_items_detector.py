@@ -12,7 +12,7 @@ PLACES = [(x, y, yaw) for x, yaw in ((-0.2, 0.3), (0.05, 1.2), (0.3, 2.4)) for y
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return Scene()
+    return Scene(noise_once=True)
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 0.3])

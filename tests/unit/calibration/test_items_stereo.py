@@ -10,13 +10,18 @@ from tests.kit.item_scene import SIZE, T_BASE_CAMERA, Scene
 PLACES = [(x, y, yaw) for x, yaw in ((-0.2, 0.3), (0.05, 1.2), (0.3, 2.4)) for y in (-0.7, -0.5)]
 
 
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(noise_once=True)
+
+
 @pytest.mark.parametrize(
     "stereo",
     [Stereo(), Stereo(holes=0.1), Stereo(holes=0.3), Stereo(scale=1.02), Stereo(noise_px=0.2)],
     ids=["plain", "10 % holes", "30 % holes", "2 % scale", "0.2 px noise"],
 )
-def test_an_item_is_where_it_says_within_its_uncertainty(stereo: Stereo) -> None:
-    scene, rng = Scene(), np.random.default_rng(7)
+def test_an_item_is_where_it_says_within_its_uncertainty(scene: Scene, stereo: Stereo) -> None:
+    rng = np.random.default_rng(7)
     detector = scene.detector()
     off, says = [], []
     for x, y, yaw in PLACES:
@@ -29,8 +34,8 @@ def test_an_item_is_where_it_says_within_its_uncertainty(stereo: Stereo) -> None
     assert np.mean(np.array(off) <= 3.0 * np.array(says)) == 1.0
 
 
-def test_a_height_that_nobody_knows_well_makes_a_slanted_sight_less_sure() -> None:
-    scene, rng = Scene(), np.random.default_rng(7)
+def test_a_height_that_nobody_knows_well_makes_a_slanted_sight_less_sure(scene: Scene) -> None:
+    rng = np.random.default_rng(7)
     detector = scene.detector()
     colour, depth = scene.picture([(0.3, -0.5, 0.3)])
     (drawn,), (seen,) = (
@@ -40,8 +45,8 @@ def test_a_height_that_nobody_knows_well_makes_a_slanted_sight_less_sure() -> No
     assert seen.sigma_m > drawn.sigma_m
 
 
-def test_an_empty_belt_under_noise_shows_no_item() -> None:
-    scene, rng = Scene(), np.random.default_rng(7)
+def test_an_empty_belt_under_noise_shows_no_item(scene: Scene) -> None:
+    rng = np.random.default_rng(7)
     detector = scene.detector()
     colour, depth = scene.picture([])
     assert detector.find(colour, stereo_depth(depth, Stereo(noise_px=0.2, holes=0.1), rng)) == ()
@@ -53,9 +58,8 @@ def test_an_empty_belt_under_noise_shows_no_item() -> None:
     ids=["a hole at the side", "a noisy side"],
 )
 def test_a_side_that_depth_takes_for_the_face_moves_it_no_more(
-    place: tuple[float, float, float], stereo: Stereo, seed: list[int]
+    scene: Scene, place: tuple[float, float, float], stereo: Stereo, seed: list[int]
 ) -> None:
-    scene = Scene()
     colour, depth = scene.picture([place])
     (item,) = scene.detector().find(colour, stereo_depth(depth, stereo, np.random.default_rng(seed)))
     off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - place[:2]))
@@ -63,8 +67,10 @@ def test_a_side_that_depth_takes_for_the_face_moves_it_no_more(
 
 
 @pytest.mark.parametrize("x", [-0.45, 0.45])
-def test_a_side_in_another_shade_is_no_part_of_the_face_at_the_edge_of_the_picture(x: float) -> None:
-    scene, rng = Scene(), np.random.default_rng(3)
+def test_a_side_in_another_shade_is_no_part_of_the_face_at_the_edge_of_the_picture(
+    scene: Scene, x: float
+) -> None:
+    rng = np.random.default_rng(3)
     detector = scene.detector()
     for y, yaw in [(y, yaw) for y in (-0.75, -0.6, -0.45) for yaw in (0.0, 0.4, 1.2, 2.4)]:
         colour, depth = scene.picture([(x, y, yaw)])
