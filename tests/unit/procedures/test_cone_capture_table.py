@@ -61,20 +61,6 @@ def all_taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[set[Edge]]:
     patch.undo()
 
 
-async def two_placements(folder: Path) -> set[Edge]:
-    async with open_cell(write_config(folder, job={"placements": 2, "poses_per_placement": 3})) as cell:
-        await cell.run_job()
-        return taken(cell)
-
-
-async def search_first(folder: Path) -> set[Edge]:
-    config = write_config(folder, job={"poses_per_placement": 3})
-    robot = config.robot.model_copy(update={"T_flange_camera_nominal": None})
-    async with open_cell(config.model_copy(update={"robot": robot})) as cell:
-        await cell.run_job()
-        return taken(cell)
-
-
 async def a_pose_again(folder: Path) -> set[Edge]:
     async with open_cell(write_config(folder, job={"poses_per_placement": 3})) as cell:
         operator = cell.plant.world.operator
@@ -208,8 +194,6 @@ async def lost_in_the_search(folder: Path) -> set[Edge]:
 
 
 WALKS = (
-    two_placements,
-    search_first,
     a_pose_again,
     finished_at("place"),
     finished_at("seek"),
