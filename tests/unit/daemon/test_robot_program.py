@@ -116,17 +116,23 @@ async def run_program(robot: Stepped, signals: Signals, last: str) -> None:
     assert [event for event, _, failure in robot.events if failure] == []
 
 
+async def answered(signals: Signals, sequence: int) -> None:
+    """Until the daemon's answer has reached the signals: the server answers a write before it carries it out."""
+    for _ in range(500):
+        await signals.exchange()
+        if signals.values["cw_answered"] == sequence:
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError(f"command {sequence} was not answered in 5 s: {signals.values}")
+
+
 def test_the_question_is_the_last_act_of_the_program_and_starts_one_check(robot: Stepped, play: Play) -> None:
     plant = Checked(robot)
 
     async def scene(signals: Signals) -> None:
         for asked in (1, 2):
             await run_program(robot, signals, 'cellward_check_tool()\ntextmsg("went on")')
-            for _ in range(500):  # the server answers a write before it carries out the command
-                if len(plant.commands) == asked:
-                    break
-                await asyncio.sleep(0.01)
-            await signals.exchange()
+            await answered(signals, asked)
 
     play(scene, plant)
     assert [(c.code, c.job, c.sequence) for c in plant.commands] == [(1, 3, 1), (1, 3, 2)]
@@ -152,6 +158,7 @@ def test_the_program_that_starts_again_learns_what_the_check_came_to(
 
     async def scene(signals: Signals) -> None:
         await run_program(robot, signals, "cellward_check_tool()")
+        await answered(signals, 1)
         plant.status, plant.warnings = status, warnings
         await run_program(robot, signals, "textmsg(cellward_tool_is_true())")
 
