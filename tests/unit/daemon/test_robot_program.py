@@ -117,7 +117,7 @@ async def run_program(robot: Stepped, signals: Signals, last: str) -> None:
 
 
 async def answered(signals: Signals, sequence: int) -> None:
-    """Until the daemon's answer has reached the signals: the server answers a write before it carries it out."""
+    """Until the daemon's answer has reached the signals: a write is answered before it is carried out."""
     for _ in range(500):
         await signals.exchange()
         if signals.values["cw_answered"] == sequence:
