@@ -31,7 +31,8 @@ from typing import Any
 import psutil
 
 from bench._expected import expect
-from bench.slot_wire import give_hand_eye
+from bench.slot_wire import OCCUPIED, SLOTS, give_hand_eye
+from bench.slot_wire import scenario as rack_scenario
 from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.poses import from_pose6, to_pose6
@@ -52,14 +53,16 @@ APART_S = 1.0  # between two pauses in one run, after the run has gone on
 PER_RUN = 8
 TAKEN_AGAIN = 6  # no more pauses after so many steps: ten end a run, and one pause may cost two
 LONG_S = 0.5
+GRIPPING = ("belt-tracking", "slot-insertion")  # what these hold as they abort is taken from the gripper
 RUN_LIMIT_S = 300.0
 MOTION, VISION = "drivers.ur.motion_child", "daemon.vision_child"
 
 
 @dataclass(frozen=True)
 class InterruptedJob:
-    """A job, the scenario it runs in, the jobs before it, whether it sees with a camera, and what a person
-    does when it asks, by its status."""
+    """A job, the scenario it runs in (``made`` where it is not as shipped), the jobs before it, whether it
+    sees with a camera, what its n-th run is started with, and what a person does when it asks, by its
+    status."""
 
     scenario: str
     before: tuple[str, ...] = ()
@@ -68,11 +71,15 @@ class InterruptedJob:
     finish_after_s: float | None = None
     keys: dict[str, Any] = field(default_factory=dict)
     more: str = ""
+    made: Callable[[], str] | None = None
+    params: Callable[[int], dict[str, str]] = lambda run: {}
     answer: Callable[[WireCell, dict[str, Any]], None] = lambda cell, status: place_target(cell)
 
     @property
     def text(self) -> str:
         """The scenario's own text."""
+        if self.made is not None:
+            return self.made()
         return shipped(self.scenario, **self.keys) + self.more
 
 
@@ -90,6 +97,18 @@ def hold_point(cell: WireCell, status: dict[str, Any]) -> None:
     corner = int(status["live"]["corner"])
     order = {"do": "operator", "over": corner, "gauge_m": GAUGE_M, "hand_m": HAND_M}
     pause(ask(cell.folder, order))
+
+
+def free_rack(cell: WireCell) -> None:
+    """A calibrated camera, and the board, which covers the rack, taken away; before the daemon starts."""
+    give_hand_eye(cell, 0)
+    ask(cell.folder, {"do": "operator", "remove": True})
+
+
+def fill_slot(run: int) -> dict[str, str]:
+    """A part is inserted into the next slot that is free, and then replaced by another one."""
+    free = [n for n in range(1, SLOTS + 1) if n != OCCUPIED]
+    return {"slot": str(free[run // 2 % len(free)]), "action": ("insert", "replace")[run % 2]}
 
 
 def calibrate_palletizer(cell: WireCell) -> None:
@@ -164,6 +183,9 @@ SCENES = {
         "hand_eye", camera=True, first=partial(give_hand_eye, seed=0), more=TOUCH, answer=hold_point
     ),
     "corrected-targets": InterruptedJob("palletizer", first=calibrate_palletizer),
+    "slot-insertion": InterruptedJob(
+        "slot", camera=True, first=free_rack, made=partial(rack_scenario, 2 * SLOTS, 0), params=fill_slot
+    ),
 }
 
 
@@ -231,7 +253,7 @@ class Bench:
         cell, mine = self.cell, list[Strike]()
         self._make_ready()
         met = len(self._truth().get("gripper", {}).get("contacts", ()))
-        run_id = cell.start_job(self.job)
+        run_id = cell.start_job(self.job, self.scene.params(self.runs))
         begun = free = time.monotonic()
         finished = spent = False
         while (status := self._status())["job"] is not None:
@@ -354,7 +376,7 @@ class Bench:
             with suppress(CellError):
                 if self.cell.ready():
                     if self.cell.status()["packml"] in ("ABORTED", "STOPPED"):
-                        if self.job == "belt-tracking":
+                        if self.job in GRIPPING:
                             ask(self.cell.folder, {"do": "gripper", "empty": True})
                         self.cell.call("reset")
                     return

@@ -31,6 +31,7 @@ from tests.kit.wire_cell import PATIENT, WireCell, pause, wait_for
 
 PART_SIGMA = np.repeat([1e-4, 1e-3], 3)  # m, rad; as the job has it by default
 OCCUPIED, ROWS, COLUMNS = 2, 3, 4
+SLOTS = ROWS * COLUMNS
 START, RESET, JOB = 1, 7, 9
 READY, BUSY = 1 << 0, 1 << 1
 NEEDED = READY | 1 << 7 | 1 << 8  # arm and camera
@@ -116,7 +117,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="seed of what scatters")
     parser.add_argument("--bind", default="127.0.53.3")
     options = parser.parse_args()
-    slots = [n for n in range(1, ROWS * COLUMNS + 1) if n != OCCUPIED][: options.runs]
+    slots = [n for n in range(1, SLOTS + 1) if n != OCCUPIED][: options.runs]
     print(HEAD)
     good, inside, late = [], [], 0
     with tempfile.TemporaryDirectory() as folder:

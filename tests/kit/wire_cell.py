@@ -146,10 +146,10 @@ class WireCell:
             return False
         return all(d["state"] == "READY" for d in devices)
 
-    def start_job(self, job: str) -> int:
+    def start_job(self, job: str, params: Mapping[str, str] | None = None) -> int:
         """Start it, and confirm what it asks first: the board stands where it is to be; the tool is good."""
         self.pauses.forget()
-        run: dict[str, int] = self.call("start", job=job)
+        run: dict[str, int] = self.call("start", job=job, params=params or {})
         if job in ("cone-capture", "laser-reference"):
             wait_for(lambda: bool(self.status()["prompt"]), "first question of the job", 30.0)
             self.call("confirm", prompt_id=self.status()["prompt"]["id"])
