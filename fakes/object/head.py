@@ -11,6 +11,7 @@ from cell.calibrated_lens import calibrated_lens
 from cell.clock import Clock
 from cell.devices import BoardView, ItemView
 from cell.errors import error
+from cell.formats.capture import Printed
 from cell.poses import Array
 from fakes.frames.plates import Image
 from fakes.frames.rack_view import RackView
@@ -120,5 +121,6 @@ class CameraHead(Plant):
 
 
 def _told(target: dict[str, Any]) -> dict[str, Any]:
-    """A flag that is false and one that is left out are the same target."""
-    return {key: value for key, value in target.items() if value is not False}
+    """What a detector looks for. A flag that is false and one that is left out are the same target, and how
+    well its print is known changes nothing of it."""
+    return {k: v for k, v in target.items() if v is not False and k not in Printed.model_fields}

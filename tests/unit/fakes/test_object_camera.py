@@ -55,6 +55,18 @@ def test_two_runs_see_the_same_pixels(subject: Callable[[Scene], Any]) -> None:
     assert subject(scene) == subject(scene)
 
 
+def test_a_board_is_found_however_well_its_print_is_known(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> list[bool]:
+        found = []
+        for change in ({}, {"scale_sigma": 2e-4, "flatness_m": 5e-5}, {"squares_x": 11}):
+            await camera.set_target(camera.world.target | change)
+            (frame,) = await camera.capture(1, HERE, "x", camera.clock.now())
+            found.append(frame.board is not None)
+        return found
+
+    assert subject(scene) == [True, True, False]
+
+
 def test_corners_outside_the_picture_are_not_reported(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> None:
         arm = ObjectArm("arm", ObjectArm.Config(scenario="hand_eye:ideal"), camera.clock)
