@@ -92,7 +92,7 @@ def reached(seed: int, arm: float, n: int, C_off: tuple[float, float], bare: boo
     wanted = se3.inverse(scene.X) @ scene.cell.true_flange(Q)
     answer = solved(scene.data_set(rng, poses=bare, C_off=C_off), wanted, Q)["result"]
     constant = se3.inverse(se3.matrices(from_pose6(answer["mean"])))
-    none, by_constant = (executed(scene, X @ wanted, Q) for X in (scene.X, constant))
+    none, by_constant = (executed(scene, X @ wanted, Q) for X in (scene.X_serving, constant))
     chosen = answer["correction"]["chosen"]
     commands = se3.matrices(from_pose6(answer["commands"]))
     by_model = executed(scene, commands, Q) if chosen == "model" else float("nan")
@@ -114,7 +114,7 @@ def judged(
     data = scene.data_set(rng, poses=bare, C_off=C_off, X_off=X_off, with_joints=with_joints)
     answer = solved(data)["result"]
     T = se3.matrices(from_pose6(answer["T_camera_base"]))
-    e, cov = se3.log(se3.inverse(T) @ se3.inverse(scene.X)), np.array(answer["cov"])
+    e, cov = se3.log(se3.inverse(T) @ se3.inverse(scene.X_serving)), np.array(answer["cov"])
     inside = [
         bool(e[p] @ np.linalg.solve(cov[p, p], e[p]) < chi2.ppf(0.95, 3)) for p in (slice(0, 3), slice(3, 6))
     ]

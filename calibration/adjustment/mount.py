@@ -3,11 +3,12 @@
 The adjustment gives a camera's and a target's pose that serve best with the arm as it is configured. A place
 on the flange that was measured or drawn belongs to the arm's true last link, and a camera's pose to its true
 first one. The motions of base and flange that an arm's errors contain are put back for that, with all their
-uncertainty: the less is known of an arm, the less a known place says.
+uncertainty: the less is known of an arm, the less a known place says. What was learnt there is then told for
+the base that serves the arm as it is configured, which is the one that a camera's pose is used with.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -31,7 +32,8 @@ class Mounted:
     """``X`` (4, 4) T_base_camera, ``W`` (4, 4) T_flange_target, and the arm's ``numbers`` (a,).
 
     ``cov`` (12 + a, 12 + a) is that of X, W (each in its own frame, perturbation on the right) and the
-    numbers. ``scale``: by which the arm's errors exceed their prior, by block.
+    numbers. ``scale``: by which the arm's errors exceed their prior, by block. ``gauge`` (12, a): the motions
+    of base (in the base) and flange (in the flange) by the numbers that are in X and W.
     """
 
     X: Array
@@ -39,6 +41,7 @@ class Mounted:
     numbers: Array
     cov: Array
     scale: Mapping[str, float]
+    gauge: Array = field(default_factory=lambda: np.zeros((12, 0)))
 
     @property
     def cov_X(self) -> Array:
@@ -109,19 +112,39 @@ def on_true_arm(found: Mounted, arm: ArmKnown | SharedErrors | None, components:
     if arm is None:
         return found
     if isinstance(arm, SharedErrors):
-        base, flange = arm.ends(components.scale, components.sigma)
-        A, B = adjoint(se3.inverse(found.X)), adjoint(se3.inverse(found.W))
-        cov = found.cov.copy()
-        cov[_X, _X] += A * base**2 @ A.T
-        cov[_W, _W] += B * flange**2 @ B.T
-        return replace(found, cov=cov)
-    gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
-    X = se3.exp(gauge[:6] @ found.numbers) @ found.X
-    W = se3.exp(-gauge[6:] @ found.numbers) @ found.W
+        own = found.numbers.size
+        found = _with_numbers(found, np.concatenate(arm.ends(components.scale, components.sigma)))
+        gauge = np.hstack([np.zeros((12, own)), np.eye(12)])
+    else:
+        gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
+    return _moved(found, gauge, 1.0)
+
+
+def for_controller(found: Mounted) -> Mounted:
+    """``found`` with the camera in the base that serves the arm as it is configured best; the target stays on
+    the true flange."""
+    base = found.gauge.copy()
+    base[6:] = 0.0
+    return replace(_moved(found, base, -1.0), gauge=found.gauge - base)
+
+
+def _with_numbers(found: Mounted, sigma: Array) -> Mounted:
+    """With more numbers, which are zero with the standard deviations ``sigma`` (k,)."""
+    known, count = len(found.cov), len(sigma)
+    cov = np.zeros((known + count, known + count))
+    cov[:known, :known] = found.cov
+    cov[known:, known:] = np.diag(sigma**2)
+    return replace(found, numbers=np.append(found.numbers, np.zeros(count)), cov=cov)
+
+
+def _moved(found: Mounted, gauge: Array, sign: float) -> Mounted:
+    """Base and flange moved by ``sign`` times what ``gauge`` (12, a) makes of the numbers."""
+    X = se3.exp(sign * gauge[:6] @ found.numbers) @ found.X
+    W = se3.exp(-sign * gauge[6:] @ found.numbers) @ found.W
     J = np.eye(len(found.cov))
-    J[_X, 12:] = adjoint(se3.inverse(X)) @ gauge[:6]
-    J[_W, 12:] = -adjoint(se3.inverse(W)) @ gauge[6:]
-    return Mounted(X, W, found.numbers, J @ found.cov @ J.T, found.scale)
+    J[_X, 12:] = sign * adjoint(se3.inverse(X)) @ gauge[:6]
+    J[_W, 12:] = -sign * adjoint(se3.inverse(W)) @ gauge[6:]
+    return Mounted(X, W, found.numbers, J @ found.cov @ J.T, found.scale, gauge)
 
 
 def with_place(found: Mounted, given: GivenPose) -> Mounted:
@@ -136,6 +159,7 @@ def with_place(found: Mounted, given: GivenPose) -> Mounted:
         found.numbers + step[12:],
         0.5 * (cov + cov.T),
         found.scale,
+        found.gauge,
     )
 
 

@@ -86,11 +86,19 @@ class NoiseFound(Part):
     estimated: list[str] = Field(description="Which of them come from the data.")
 
 
+class OnCorrectedArm(Part):
+    """The standard for the base of the corrected arm `robot`: to be used with that arm."""
+
+    T_camera_base: Pose = Field(description="The base in the camera.")
+    cov: Covariance = Field(description="Of it, perturbation on the right.")
+
+
 class AxbcAnswer(Part):
     """Where the base is in the camera, and what was given of it judged."""
 
     T_camera_base: Pose = Field(
-        description="The standard: images, arm and, where nothing speaks against it, the known place."
+        description="The standard: images, arm and, where nothing speaks against it, the known place. "
+        "For the base that serves the arm as configured best."
     )
     direction: str = Field(description="The same in words.")
     cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
@@ -107,6 +115,9 @@ class AxbcAnswer(Part):
     correction: TargetCorrection = Field(description="Correction of targets.")
     robot: dict[str, Any] | None = Field(
         default=None, description="ROBOT of the arm with its errors, when the data have joints and a robot."
+    )
+    adjusted: OnCorrectedArm | None = Field(
+        default=None, description="With `robot`: the standard for the base of that arm."
     )
     scale: dict[str, float] = Field(
         description="How large the arm's errors are, in units of their prior (1)."

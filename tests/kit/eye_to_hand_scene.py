@@ -41,6 +41,11 @@ class EyeToHandScene:
     C: Array
     corners: Array
 
+    @property
+    def X_serving(self) -> Array:
+        """(4, 4) T_base_camera for the base that serves the nominal arm best, as a hand-eye has it."""
+        return np.asarray(se3.inverse(self.cell.base) @ self.X)
+
     def marker(self, Q: Array) -> Array:
         """(k, 4, 4) where the camera would see the target at joints ``Q`` (k, 6), without noise."""
         return se3.inverse(self.X) @ self.cell.true_flange(Q) @ self.W
@@ -59,7 +64,7 @@ class EyeToHandScene:
         ``poses``: T_camera_marker with the noise of a good camera instead of corners.
         """
         C = se3.inverse(self.W) @ off(rng, *C_off)
-        X = se3.inverse(self.X) @ off(rng, *X_off)
+        X = se3.inverse(self.X_serving) @ off(rng, *X_off)
         observations = []
         for q, F, T, uv in zip(self.Q, self.F, self.C, self.corners, strict=True):
             seen: dict[str, object] = {"corners": uv.tolist()}

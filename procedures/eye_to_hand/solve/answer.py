@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment.arm_accuracy import arm_with
-from calibration.adjustment.mount import GivenPose, Mounted, suspicion
+from calibration.adjustment.mount import PLACE_DOUBTED, GivenPose, Mounted, for_controller
+from calibration.adjustment.mount import Suspicion as GivenSuspicion
 from calibration.adjustment.shared_errors import SharedErrors
 from calibration.adjustment.target_correction import ChosenWay, plain_mean
 from calibration.adjustment.unknowns import ArmKnown
@@ -20,6 +21,7 @@ from procedures.eye_to_hand.result import (
     AxbcResiduals,
     MappedPose,
     NoiseFound,
+    OnCorrectedArm,
     PlaceOff,
     PoseSize,
     Positioning,
@@ -35,7 +37,8 @@ ARM_WORSE = 3.0  # times its prior: no arm of that kind
 
 @dataclass(frozen=True)
 class Found:
-    """``alone`` is what the images and the arm say, ``standard`` that with the target's known place.
+    """``alone`` is what the images and the arm say, ``judged`` how what was given agrees with it, and
+    ``standard`` is that with the target's known place, unless the place is doubted.
 
     ``solution`` has the target's poses as the lens and the print found have them, ``F`` (k, 4, 4) and ``C``
     (k, 4, 4) are flange and T_camera_target of the used observations ``rows`` (k,).
@@ -46,7 +49,12 @@ class Found:
     F: Array
     arm: ArmKnown | SharedErrors
     alone: Mounted
+    judged: GivenSuspicion
     standard: Mounted
+
+    @property
+    def place_doubted(self) -> bool:
+        return self.judged.blamed in PLACE_DOUBTED
 
     @property
     def C(self) -> Array:
@@ -55,17 +63,17 @@ class Found:
 
 def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | None) -> AxbcAnswer:
     standard = found.standard
-    T = se3.inverse(standard.X)
-    A = adjoint(standard.X)
-    cov = A @ standard.cov_X @ A.T
+    T, cov = _base_in_camera(for_controller(standard))
     given = se3.inverse(data.camera.T)
     off = se3.log(se3.inverse(T) @ given)
-    robot = None
+    robot = adjusted = None
     if arm is not None and isinstance(found.arm, ArmKnown):
         corrected, values = arm_with(standard.numbers, found.arm)
         robot = robot_document(arm.spec, corrected, values, arm.spec.tools)
+        on_arm, cov_on_arm = _base_in_camera(standard)
+        adjusted = OnCorrectedArm(T_camera_base=pose6(on_arm), cov=cov_on_arm.tolist())
     places, positioning = _positioning(data, found)
-    judged = suspicion(found.alone, data.camera, data.place)
+    judged = found.judged
     beyond = max(found.alone.scale.values(), default=0.0) > ARM_WORSE
     return AxbcAnswer(
         T_camera_base=pose6(T),
@@ -83,6 +91,7 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
             chosen=choice.chosen, **{f"cv_{way}": rms for way, rms in choice.cv.items()}
         ),
         robot=robot,
+        adjusted=adjusted,
         scale={k: float(v) for k, v in found.alone.scale.items()},
         noise=NoiseFound.model_validate(found.solution.noise.as_dict()),
         rejected=[
@@ -90,6 +99,12 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
             for k, reason in sorted(_left_out(data, found).items())
         ],
     )
+
+
+def _base_in_camera(found: Mounted) -> tuple[Array, Array]:
+    """T_camera_base (4, 4) and its covariance (6, 6)."""
+    A = adjoint(found.X)
+    return se3.inverse(found.X), A @ found.cov_X @ A.T
 
 
 def _left_out(data: AxbcData, found: Found) -> dict[int, str]:

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from calibration.adjustment.bare_poses import adjust_poses
 from calibration.adjustment.hand_eye import adjust, as_found
 from calibration.adjustment.lens_terms import LensPrior
-from calibration.adjustment.mount import PLACE_DOUBTED, Mounted, mounted, suspicion, with_place
+from calibration.adjustment.mount import (
+    PLACE_DOUBTED,
+    Mounted,
+    for_controller,
+    mounted,
+    suspicion,
+    with_place,
+)
 from calibration.adjustment.shared_errors import SharedErrors, shared_errors
 from calibration.adjustment.target_correction import (
     CameraAndTarget,
@@ -166,13 +173,10 @@ def _find(
         _, problem = as_found(adjusted, measured, solution)
         solution = replace(solution, problem=replace(problem, G=measured.F))
         alone = mounted(adjusted, own)
-    return Found(solution, rows, measured.F[rows], own, alone, _standard(alone, data))
-
-
-def _standard(alone: Mounted, data: AxbcData) -> Mounted:
-    """With the target's place, unless the images speak against it: a wrong place would move the camera."""
-    doubted = suspicion(alone, data.camera, data.place).blamed in PLACE_DOUBTED
-    return alone if doubted else with_place(alone, data.place)
+    judged = suspicion(for_controller(alone), data.camera, data.place)
+    # A wrong place would move the camera.
+    standard = alone if judged.blamed in PLACE_DOUBTED else with_place(alone, data.place)
+    return Found(solution, rows, measured.F[rows], own, alone, judged, standard)
 
 
 def _choice(data: AxbcData, found: Found) -> ChosenWay:
@@ -185,6 +189,7 @@ def _choice(data: AxbcData, found: Found) -> ChosenWay:
     def model(rest: NDArray[np.int64]) -> Mounted:
         used = np.zeros(len(found.solution.used), dtype=bool)
         used[found.rows[rest]] = True
-        return with_place(adjust_poses(replace(found.solution, used=used), arm), data.place)
+        alone = adjust_poses(replace(found.solution, used=used), arm)
+        return alone if found.place_doubted else with_place(alone, data.place)
 
     return choose(given, found.F, found.C, Corrected(arm, arm.Q[found.rows], model))
