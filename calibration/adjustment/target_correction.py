@@ -61,18 +61,29 @@ class Corrected:
     by: Callable[[NDArray[np.int64]], Mounted]
 
 
-def choose(given: CameraAndTarget, F: Array, C: Array, arm: Corrected | None) -> ChosenWay:
-    """From flange poses ``F`` and T_camera_target ``C``, (n, 4, 4); without ``arm`` there is no model."""
+def choose(
+    given: CameraAndTarget,
+    F: Array,
+    C: Array,
+    arm: Corrected | None,
+    place: Callable[[NDArray[np.int64]], Array] | None = None,
+) -> ChosenWay:
+    """From flange poses ``F`` and T_camera_target ``C``, (n, 4, 4); without ``arm`` there is no model.
+
+    ``place(rows)`` is T_flange_target (4, 4) as some observations have it, where the given one is doubted:
+    a place that is wrong would count as an error of each way that is judged with it.
+    """
     n = len(F)
     fold = np.arange(n) % FOLDS
     seen = C[:, :3, 3]
-    squared = {NONE: _off(given.marker(F), seen), CONSTANT: np.zeros(n)}
+    squared = {NONE: np.zeros(n), CONSTANT: np.zeros(n)}
     if arm is not None:
         squared[MODEL] = np.zeros(n)
     for k in range(FOLDS):
         out, rest = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        constant = CameraAndTarget(plain_mean(F[rest], C[rest], given.W), given.W)
-        squared[CONSTANT][out] = _off(constant.marker(F[out]), seen[out])
+        W = given.W if place is None else place(rest)
+        for way, X in ((NONE, given.X), (CONSTANT, plain_mean(F[rest], C[rest], W))):
+            squared[way][out] = _off(CameraAndTarget(X, W).marker(F[out]), seen[out])
         if arm is not None:
             found = arm.by(rest)
             flange = corrected_flange(found, arm.arm, arm.Q[out])

@@ -41,14 +41,17 @@ def blame_warning(answer: AxbcAnswer) -> list[tuple[str, str]]:
     blamed = answer.blamed
     if blamed == "C":
         off = f"{mm(answer.C_offset.t)} and {deg(answer.C_offset.r)}"
-        text = f"C as given is off by {off} and was not used: measure the target's place on the flange again"
+        text = (
+            f"C as given is off by {off} and only 'mean' uses it: "
+            "measure the target's place on the flange again"
+        )
         return [(PLACE, text)]
     if blamed == "X":
         return [(HAND_EYE, "the given hand-eye does not fit the images, and the target's place does")]
     if blamed == "cannot-tell":
         text = (
             "hand-eye and place of the target contradict each other, and the data cannot tell which is "
-            "wrong: neither was used"
+            "wrong: T_camera_base uses neither of them, and of all figures only 'mean' uses the place"
         )
         return [(HAND_EYE, text)]
     return []

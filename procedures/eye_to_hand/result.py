@@ -64,7 +64,8 @@ class TargetCorrection(Part):
     """How targets are best corrected, by observations that were not looked at."""
 
     chosen: Literal["none", "constant", "model"] = Field(
-        description="`none`: as given; `constant`: by the plain mean; `model`: the arm with its errors."
+        description="`none`: as given; `constant`: by the plain mean, with the place found where the given "
+        "one is blamed or in doubt; `model`: the arm with its errors."
     )
     cv_none: Metres = Field(description="RMS distance of the target from where the given hand-eye has it.")
     cv_constant: Metres = Field(description="The same with the constant correction.")
@@ -102,7 +103,10 @@ class AxbcAnswer(Part):
     )
     direction: str = Field(description="The same in words.")
     cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
-    mean: Pose = Field(description="The standard of the published method: plain mean of `A^-1 C B^-1`.")
+    mean: Pose = Field(
+        description="The standard of the published method: plain mean of `A^-1 C B^-1`, with C as given also "
+        "where it is blamed or in doubt. All other figures are then told with the place that was found."
+    )
     eval: PoseSize = Field(description="The given hand-eye against the standard.")
     eval_sigma: PoseSize = Field(description="How well the standard knows that.")
     C_offset: PlaceOff = Field(description="The target's place against the given one.")
@@ -110,7 +114,10 @@ class AxbcAnswer(Part):
         description="What does not fit the images: the given hand-eye (`X`), the given place (`C`), the arm."
     )
     suspicion: Suspicion = Field(description="What that rests on.")
-    positioning: Positioning = Field(description="Positioning accuracy through the given hand-eye.")
+    positioning: Positioning = Field(
+        description="Positioning accuracy through the given hand-eye and the target's place, as given or, "
+        "where that is blamed or in doubt, as found."
+    )
     places: list[MappedPose] = Field(description="The same pose by pose.")
     correction: TargetCorrection = Field(description="Correction of targets.")
     robot: dict[str, Any] | None = Field(

@@ -61,6 +61,11 @@ class Found:
         return self.solution.problem.C[self.rows]
 
 
+def place_of(data: AxbcData, found: Found) -> Array:
+    """T_flange_target (4, 4) that figures are told with: as given, or as found where that is doubted."""
+    return found.alone.W if found.place_doubted else data.place.T
+
+
 def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | None) -> AxbcAnswer:
     standard = found.standard
     T, cov = _base_in_camera(for_controller(standard))
@@ -144,7 +149,7 @@ def _place_off(given: GivenPose, alone: Mounted) -> PlaceOff:
 
 def _positioning(data: AxbcData, found: Found) -> tuple[list[MappedPose], Positioning]:
     """The flange through the given camera against the reported one, pose by pose."""
-    seen = data.camera.T @ found.C @ se3.inverse(data.place.T)
+    seen = data.camera.T @ found.C @ se3.inverse(place_of(data, found))
     off = se3.log(se3.inverse(found.F) @ seen)
     apart = seen[:, :3, 3] - found.F[:, :3, 3]
     rows = data.seen.usable()[found.rows]

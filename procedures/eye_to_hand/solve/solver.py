@@ -32,9 +32,17 @@ from calibration.hand_eye.solution import Measurements, solve
 from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result, Warning_
+from cell.poses import Array
 from procedures.eye_to_hand.judging import blame_warning, doubts_about, reasons_against
 from procedures.eye_to_hand.result import AxbcHeldOut, AxbcInputs, AxbcResult, AxbcUncertainty
-from procedures.eye_to_hand.solve.answer import ARM_WORSE, Found, answer_of, arm_text, residuals_of
+from procedures.eye_to_hand.solve.answer import (
+    ARM_WORSE,
+    Found,
+    answer_of,
+    arm_text,
+    place_of,
+    residuals_of,
+)
 from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
 from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
@@ -94,7 +102,7 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
         warnings.append((_ARM_REJECTED, arm_text(found.alone)))
     if targets is not None:
         model = (found.standard, found.arm) if isinstance(found.arm, ArmKnown) else None
-        constant = plain_mean(found.F, found.C, data.place.T)
+        constant = plain_mean(found.F, found.C, place_of(data, found))
         commands, more = answer_targets(
             targets, TargetCorrections(data.camera.T, constant, model), choice.chosen
         )
@@ -183,13 +191,20 @@ def _choice(data: AxbcData, found: Found) -> ChosenWay:
     """Which way to correct targets, by observations that were not looked at; lens and print are of all."""
     given = CameraAndTarget(data.camera.T, data.place.T)
     arm = found.arm
-    if not isinstance(arm, ArmKnown):
-        return choose(given, found.F, found.C, None)
+    folds: dict[bytes, Mounted] = {}
+
+    def alone(rest: NDArray[np.int64]) -> Mounted:
+        if (key := rest.tobytes()) not in folds:
+            used = np.zeros(len(found.solution.used), dtype=bool)
+            used[found.rows[rest]] = True
+            folds[key] = adjust_poses(replace(found.solution, used=used), arm)
+        return folds[key]
 
     def model(rest: NDArray[np.int64]) -> Mounted:
-        used = np.zeros(len(found.solution.used), dtype=bool)
-        used[found.rows[rest]] = True
-        alone = adjust_poses(replace(found.solution, used=used), arm)
-        return alone if found.place_doubted else with_place(alone, data.place)
+        return alone(rest) if found.place_doubted else with_place(alone(rest), data.place)
 
-    return choose(given, found.F, found.C, Corrected(arm, arm.Q[found.rows], model))
+    def place(rest: NDArray[np.int64]) -> Array:
+        return alone(rest).W
+
+    corrected = Corrected(arm, arm.Q[found.rows], model) if isinstance(arm, ArmKnown) else None
+    return choose(given, found.F, found.C, corrected, place if found.place_doubted else None)
