@@ -32,6 +32,7 @@ from daemon.plc import PlcFace
 from daemon.recent_writes import RecentWrites
 from daemon.report_drawing import ReportDrawing
 from daemon.results import reject_left_open
+from daemon.spare_worker import SpareWorker
 from daemon.state_folder import claimed, damage_text, end_interrupted, make_state_folder
 from daemon.supervisor import Supervisor
 from daemon.worker import ProcessWorker
@@ -137,7 +138,9 @@ async def serve(config: CellConfig, stop: asyncio.Event, worker: ProcessWorker) 
         await control.start()
         stack.push_async_callback(control.stop)
         if config.http.enabled:
-            page = _page(engine, plc, writes, modbus, stack.enter_context(RecentLog()))
+            spare = SpareWorker()
+            stack.push_async_callback(spare.stop)
+            page = _page(engine, plc, writes, modbus, stack.enter_context(RecentLog()), spare)
             await page.start()
             stack.push_async_callback(page.stop)
         if config.mqtt.enabled:
@@ -206,7 +209,12 @@ def _modbus(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrit
 
 
 def _page(
-    engine: Engine, plc: PlcFace, writes: RecentWrites, modbus: ModbusFace | None, recent: RecentLog
+    engine: Engine,
+    plc: PlcFace,
+    writes: RecentWrites,
+    modbus: ModbusFace | None,
+    recent: RecentLog,
+    spare: SpareWorker,
 ) -> "WebServer":
     """The operator's page; a cell without one need not import what serves it."""
     from daemon.web.server import WebServer
@@ -218,7 +226,7 @@ def _page(
 
     config = engine.context.config
     states = PageState(engine, writes, plc_alive)
-    more = views(engine, plc, writes, recent)
+    more = views(engine, plc, writes, recent, spare)
     return WebServer(config.http, engine, states, writes.audit("web"), more)
 
 

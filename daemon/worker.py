@@ -23,19 +23,19 @@ _PR_SET_PDEATHSIG = 1
 _QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 
 
-def _keep_to_ourselves() -> None:
+def _keep_to_ourselves(niceness: int) -> None:
     """Die with the parent, leave signals to it, and let its loop, which watches the arm, come first."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    yield_to_others(COMPUTING)
+    yield_to_others(niceness)
 
 
-def _warm_up(configured: Mapping[str, str]) -> None:
+def _warm_up(configured: Mapping[str, str], niceness: int) -> None:
     """Import what jobs compute with before it is needed.
 
     ``configured`` are the jobs that only a configuration names: their results are of kinds of their own.
     """
-    _keep_to_ourselves()
+    _keep_to_ourselves(niceness)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
     from procedures.registry import add_configured  # after the lines above, which numpy reads once
@@ -45,10 +45,10 @@ def _warm_up(configured: Mapping[str, str]) -> None:
             add_configured(name, reference)
 
 
-def _warm_up_forked() -> None:
+def _warm_up_forked(niceness: int) -> None:
     """As :func:`_warm_up` for a copy of the daemon, which has imported everything before."""
     gc.freeze()  # a collection would write on pages that are shared as long as nobody does
-    _keep_to_ourselves()
+    _keep_to_ourselves(niceness)
 
 
 def _start_tracker() -> None:
@@ -60,12 +60,12 @@ def _start_tracker() -> None:
         sys.warnoptions.remove(_QUIET_TRACKER)
 
 
-def _new_pool() -> ProcessPoolExecutor:
+def _new_pool(niceness: int = COMPUTING) -> ProcessPoolExecutor:
     from procedures.registry import CONFIGURED
 
     _start_tracker()
     return ProcessPoolExecutor(
-        1, mp_context=get_context("spawn"), initializer=_warm_up, initargs=(dict(CONFIGURED),)
+        1, mp_context=get_context("spawn"), initializer=_warm_up, initargs=(dict(CONFIGURED), niceness)
     )
 
 
@@ -76,7 +76,8 @@ def _ready() -> int:
 class ProcessWorker:
     """Runs module-level functions in its process; a worker that ended is replaced at the next call."""
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = COMPUTING) -> None:
+        self._niceness = niceness
         self._pool: ProcessPoolExecutor | None = None
 
     def fork(self) -> None:
@@ -86,7 +87,12 @@ class ProcessWorker:
         starts as those that replace it do.
         """
         if may_fork():
-            self._pool = ProcessPoolExecutor(1, mp_context=get_context("fork"), initializer=_warm_up_forked)
+            self._pool = ProcessPoolExecutor(
+                1,
+                mp_context=get_context("fork"),
+                initializer=_warm_up_forked,
+                initargs=(self._niceness,),
+            )
             self._pool.submit(_ready)  # processes are started when there is work
 
     async def start(self) -> int:
@@ -99,7 +105,7 @@ class ProcessWorker:
         A call that is cancelled ends the process: nobody wants its answer, and the next call must not wait
         for it.
         """
-        pool = self._pool = self._pool or _new_pool()
+        pool = self._pool = self._pool or _new_pool(self._niceness)
         work: Future[R] | None = None
         try:
             work = pool.submit(fn, *args, **kwargs)

@@ -8,6 +8,7 @@ from typing import Any
 from aiohttp import web
 
 from cell.errors import CellError, error
+from cell.procedure import Worker
 from daemon.engine import Engine
 from daemon.job_config import make_procedure
 from daemon.predictions import prediction_of
@@ -16,14 +17,19 @@ from daemon.tools import ARGUMENT, asked_tool, tool_names
 from daemon.web.answers import Visitors, json_answer
 
 LOOKED_BACK = 500  # runs
-EXPECTED_FOR_S = 30.0  # a prediction takes seconds, and nobody may keep the worker busy with them
+EXPECTED_FOR_S = 30.0  # a prediction takes seconds, and nobody may keep a core busy with them
+
+TOO_LATE = "This computer is too busy to predict now; 'cellward check' has more time."
 
 
 class JobsView:
-    """What is read of jobs and of the arm; nothing here starts or moves anything."""
+    """What is read of jobs and of the arm; nothing here starts or moves anything.
 
-    def __init__(self, engine: Engine, visitors: Visitors) -> None:
-        self._engine, self._visitors = engine, visitors
+    ``spare`` predicts: the engine's worker plans and solves, and nobody who looks at the page may delay that.
+    """
+
+    def __init__(self, engine: Engine, visitors: Visitors, spare: Worker) -> None:
+        self._engine, self._visitors, self._spare = engine, visitors, spare
         self._predicting = asyncio.Lock()
         # by job and tool, with the time when it was made
         self._expected: dict[tuple[str, str | None], tuple[float, dict[str, Any] | None]] = {}
@@ -89,9 +95,12 @@ class JobsView:
             now = engine.context.clock.now()
             made, answer = self._expected.get(key, (-EXPECTED_FOR_S, None))
             if now - made >= EXPECTED_FOR_S:
-                if (run := engine.running) is not None:  # the worker is the run's
+                if (run := engine.running) is not None:  # the cores are the run's
                     raise error("BUSY", f"{run.procedure.name}, run {run.id}")
-                answer = await engine.context.worker.call(prediction_of, config, *key)
+                try:
+                    answer = await self._spare.call(prediction_of, config, *key)
+                except TimeoutError:
+                    answer = {"job": job, "text": "no prediction", "limits": [], "cautions": [TOO_LATE]}
                 self._expected[key] = (now, answer)
         return json_answer({"expected": answer})
 

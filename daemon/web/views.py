@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from aiohttp import web
 
+from cell.procedure import Worker
 from daemon.engine import Engine
 from daemon.log_lines import RecentLog
 from daemon.plc import PlcFace
@@ -19,13 +20,14 @@ from daemon.web.trends_view import TrendsView
 
 
 def views(
-    engine: Engine, plc: PlcFace, writes: RecentWrites, log: RecentLog
+    engine: Engine, plc: PlcFace, writes: RecentWrites, log: RecentLog, spare: Worker
 ) -> Callable[[Visitors], list[web.RouteDef]]:
-    """What the server takes as its further routes, once it knows its visitors."""
+    """What the server takes as its further routes, once it knows its visitors. ``spare``
+    computes what they ask."""
 
     def routes(visitors: Visitors) -> list[web.RouteDef]:
         return [
-            *JobsView(engine, visitors).routes(),
+            *JobsView(engine, visitors, spare).routes(),
             *RunsView(engine, visitors).routes(),
             *RecordView(engine.runs, visitors).routes(),
             *ResultsView(engine, visitors).routes(),

@@ -95,6 +95,7 @@ def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:
     assert not any(job["configured"] for job in jobs.values())
 
 
+@pytest.mark.restarts_children  # the daemon's: the process that predicts lives on for a minute
 def test_what_check_expects_of_a_job_is_told_before_it_starts(subject: PageCell) -> None:
     found = subject.get("/api/jobs/latency-calibration/expected")["expected"]
     assert found["problems"][0].startswith("[robot] names no device for belt")

@@ -48,6 +48,7 @@ def one_browser() -> Iterator[Callable[[Use], None]]:
     """As :func:`in_browser` for several uses, of which each closes its windows only: a browser takes a second
     of a core to start. A task that outlives its use fails it, a process that outlives the browser the end."""
     before = left_behind.children()
+    served = [int(child.split()[0]) for child in before]
     with asyncio.Runner() as runner:
         opened = _browser()
         browser = runner.run(opened.__aenter__())
@@ -55,7 +56,7 @@ def one_browser() -> Iterator[Callable[[Use], None]]:
             yield lambda use: runner.run(_once(use, browser))
         finally:
             runner.run(opened.__aexit__(None, None, None))
-    left_behind.require_gone("children", before, left_behind.children)
+    left_behind.require_gone("children", before, lambda: left_behind.children(served))
 
 
 async def _once(use: Use, browser: Browser) -> None:

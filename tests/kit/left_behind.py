@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import psutil
 
@@ -22,7 +22,9 @@ def threads() -> set[str]:
     return {f"{t.name}#{t.ident}" for t in threading.enumerate()}
 
 
-def children() -> set[str]:
+def children(not_of: Collection[int] = ()) -> set[str]:
+    """Processes below this one; without what those of the numbers ``not_of`` start, as a daemon that serves
+    several tests does."""
     try:
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:  # no child at all: most tests need not look through all processes
@@ -30,7 +32,9 @@ def children() -> set[str]:
     found = set()
     for child in psutil.Process().children(recursive=True):
         try:
-            if child.status() != psutil.STATUS_ZOMBIE and not _is_lasting(child):
+            if child.status() == psutil.STATUS_ZOMBIE or _is_lasting(child):
+                continue
+            if not not_of or not any(above.pid in not_of for above in child.parents()):
                 found.add(f"{child.pid} {' '.join(child.cmdline())[:80]}")
         except psutil.NoSuchProcess:
             continue

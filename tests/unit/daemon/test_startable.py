@@ -12,6 +12,7 @@ from daemon.config import CellConfig, load_config
 from daemon.startable import Startable, startables
 from daemon.web import jobs_view
 from daemon.web.jobs_view import JobsView
+from daemon.worker import InlineWorker
 from fakes.object import run_virtual
 from procedures.registry import JOBS
 from tests.kit.laser_cell import laser_config
@@ -65,7 +66,7 @@ def test_the_page_lists_them_and_predicts_for_the_tool_that_was_chosen(
         async with open_cell(two_tools(tmp_path), job="laser-reference") as cell:
             on_disk(cell.ledger.start_run, 7, "laser-reference", "folder", "anna", "web", "needle")
             visitors: Any = SimpleNamespace(require_look=lambda request: None)
-            subject = JobsView(cell.engine, visitors)
+            subject = JobsView(cell.engine, visitors, InlineWorker())
             request: Any = SimpleNamespace(match_info={"job": "laser-reference"}, query={})
             listed = {one["name"]: one for one in json.loads((await subject.jobs(request)).body)}
             assert listed["laser-reference"]["obstacle"] is None, "with one of the tools it can be started"
@@ -77,5 +78,29 @@ def test_the_page_lists_them_and_predicts_for_the_tool_that_was_chosen(
                 request.query = {"tool": tool}
                 answer = json.loads((await subject.expected(request)).body)
                 assert answer == {"expected": {"of": ["laser-reference", tool]}}
+
+    run_virtual(main())
+
+
+def test_a_prediction_is_never_computed_where_jobs_plan_and_solve(tmp_path: Path) -> None:
+    """Somebody who looks at the page delays no job, and is told when the computer is too busy."""
+
+    class TooLate(InlineWorker):
+        async def call(self, fn: Any, *args: Any, **kwargs: Any) -> Any:
+            raise TimeoutError
+
+    async def main() -> None:
+        async with open_cell(laser_config(tmp_path), job="laser-reference") as cell:
+            cell.engine.context.worker = Broken()
+            visitors: Any = SimpleNamespace(require_look=lambda request: None)
+            request: Any = SimpleNamespace(match_info={"job": "laser-reference"}, query={})
+            answer = await JobsView(cell.engine, visitors, InlineWorker()).expected(request)
+            assert json.loads(answer.body)["expected"]["job"] == "laser-reference"
+            late = await JobsView(cell.engine, visitors, TooLate()).expected(request)
+            assert "too busy" in json.loads(late.body)["expected"]["cautions"][0]
+
+    class Broken(InlineWorker):
+        async def call(self, fn: Any, *args: Any, **kwargs: Any) -> Any:
+            raise AssertionError("the worker of the jobs was asked")
 
     run_virtual(main())
