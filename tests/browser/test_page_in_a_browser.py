@@ -100,10 +100,16 @@ def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell, in_br
 LASER_CHECK = {
     "name": "laser-check", "job": "laser-check", "number": 3, "recipe": False, "configured": True,
     "tools": ["gripper", "needle"], "tool": None, "obstacle": None, "last": None, "seconds": None,
+    "choices": [
+        {"key": "slot", "value": 1, "meaning": "from 1", "words": [], "least": 1, "most": 6},
+        {"key": "picks", "value": 0, "meaning": "", "words": [], "least": 0, "most": 9},
+        {"key": "action", "value": "insert", "meaning": "", "words": ["insert", "pull"], "least": None,
+         "most": None},
+    ],
 }  # fmt: skip
 
 
-def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(
+def test_a_job_is_started_with_what_is_chosen_once_somebody_has_said_which_tool_is_on_the_flange(
     subject: PageCell, in_browser: InBrowser
 ) -> None:
     asked: list[Any] = []
@@ -124,9 +130,14 @@ def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(
         assert await visitor.button("Start: the arm will move").is_disabled()
         await page.get_by_label("Tool on the flange").select_option("needle")
         await page.get_by_label("Nobody is within reach").check()
+        await page.get_by_label("Slot").fill("4")
+        await page.get_by_label("What to do there").select_option("pull the part out")
+        assert await visitor.button("Start: the arm will move").is_disabled(), "another slot is another way"
+        await page.get_by_label("Nobody is within reach").check()
         await visitor.press("Start: the arm will move")
         await visitor.sees("not now")
-        assert asked == [{"job": "laser-check", "params": {"tool": "needle"}}]
+        changed = {"slot": "4", "action": "pull", "tool": "needle"}
+        assert asked == [{"job": "laser-check", "params": changed}]
         never = await page.evaluate("import('/static/format.js').then((format) => format.asWritten(null))")
         assert never == "–", "of a calibration that was never measured"
         assert visitor.complaints == []

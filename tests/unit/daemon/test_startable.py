@@ -16,7 +16,7 @@ from daemon.worker import InlineWorker
 from fakes.object import run_virtual
 from procedures.registry import JOBS
 from tests.kit.laser_cell import laser_config
-from tests.kit.object_cell import on_disk, open_cell
+from tests.kit.object_cell import on_disk, open_cell, write_config
 
 POSE = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
 TOOLS: dict[str, Any] = {
@@ -49,6 +49,16 @@ def test_jobs_come_with_the_tools_to_choose_from_and_recipes_after_them(tmp_path
     assert of(config, "any") == Startable("any", "laser-check", None, True, BOTH, None)
     assert of(config, "belt-tracking").tools == (), "it has no section, so nothing can be chosen for it"
     assert [one.name for one in startables(config, JOBS)][-2:] == ["quick", "any"]
+
+
+def test_what_a_plc_may_give_with_a_start_can_be_chosen_but_what_a_recipe_has_settled(tmp_path: Path) -> None:
+    recipe = {"pull-2": {"job": "slot-insertion", "slot": 2}}
+    config = write_config(tmp_path, "slot", jobs={"slot-insertion": {"slot": 1}}, recipe=recipe)
+    slot, action = of(config, "slot-insertion").choices
+    assert (slot.key, slot.value, slot.least, slot.most) == ("slot", 1, 1, 10000)
+    assert (action.key, action.value, action.words) == ("action", "insert", ("insert", "pull", "replace"))
+    assert of(config, "pull-2").choices == (action,)
+    assert of(config, "belt-tracking").choices == (), "it has no section"
 
 
 def test_one_tool_alone_leaves_no_choice(tmp_path: Path) -> None:

@@ -68,8 +68,21 @@ function ToolChoice({ tools, tool, choose }) {
     ${tools.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>`;
 }
 
+// What this run alone is asked: a slot, how many picks. What is left as it is configured is not sent.
+function Choices({ choices, given, give }) {
+  return choices.map(({ key, value, meaning, words, least, most }) => {
+    const shown = given[key] ?? String(value);
+    const changed = (event) => give(key, event.target.value);
+    return html`<label key=${key}>${textOr(`choice.${key}`, key)} ${words.length
+      ? html`<select value=${shown} onChange=${changed}>${words.map((word) => html`<option value=${word}>${textOr(`choice.${key}.${word}`, word)}</option>`)}</select>`
+      : html`<input type="number" required min=${least} max=${most} value=${shown} onInput=${changed} />`}
+      ${" "}<small class="dim">${meaning}</small></label>`;
+  });
+}
+
 function Prepare({ job, asked, state }) {
   const [plan, setPlan] = useState(null);
+  const [given, setGiven] = useState({});
   const [tool, setTool] = useState(job.tools.includes(asked) ? asked : job.tool || "");
   const [clear, setClear] = useState(false);
   const [notice, tell] = useNotice();
@@ -86,7 +99,14 @@ function Prepare({ job, asked, state }) {
     setPlan(null); // it was of another tool
     setClear(false);
   };
-  const request = { job: job.name, params: job.tools.length ? { tool } : {} };
+  const give = (key, text) => {
+    setGiven({ ...given, [key]: text });
+    setPlan(null); // it was for another place
+    setClear(false);
+  };
+  const differing = job.choices.filter(({ key, value }) => key in given && given[key] !== String(value));
+  const params = Object.fromEntries(differing.map(({ key }) => [key, given[key]]));
+  const request = { job: job.name, params: job.tools.length ? { ...params, tool } : params };
   const unknown = job.tools.length > 0 && tool === "";
   const makePlan = telling(async () => {
     setPlan(await ask("start", { ...request, dry_run: true }));
@@ -104,6 +124,7 @@ function Prepare({ job, asked, state }) {
       ${job.obstacle && html`<${Obstacle} obstacle=${job.obstacle} />`}
       <${ToolChoice} tools=${job.tools} tool=${tool} choose=${choose} />
       ${!busy && !unknown && html`<${Expected} key=${tool} job=${job.name} tool=${tool} />`}
+      <${Choices} choices=${job.choices} given=${given} give=${give} />
       <h2>${t("start.step_plan")}</h2>
       <p>${t("start.plan_about")}</p>
       <div class="actions"><${Action} run=${makePlan} disabled=${busy || unknown || !may("operator")}>${t("start.plan")}</${Action}></div>
