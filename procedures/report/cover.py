@@ -16,6 +16,9 @@ from procedures.report.source import Source
 ROLES = ("measured", "checked", "approved")
 TWIN = "Simulated cell (twin): nothing in this report was measured on real devices."
 
+# How the run was, by what somebody asked for
+STOPS = {"abort": "ended", "halt": "stopped at once", "shutdown": "ended with the service"}
+
 
 @dataclass(frozen=True)
 class CoverFigure:
@@ -95,8 +98,17 @@ def _go(source: Source[Any]) -> Html:
 
 
 def _ended_by(source: Source[Any]) -> str:
-    text = dig(source.end, "error", "text")
+    text = dig(source.end, "error", "text") or stopped_by(source)
     return f"the run ended {dig(source.end, 'outcome')}" + (f": {text}" if text else ".")
+
+
+def stopped_by(source: Source[Any]) -> str:
+    """Who ended the run, in a sentence; empty where nobody did."""
+    for entry in source.journal:
+        if entry.get("kind") == "operator" and entry.get("event") in STOPS:
+            by = "" if entry["event"] == "shutdown" else f" by {entry.get('who')}"
+            return f"{STOPS[str(entry['event'])]}{by}."
+    return ""
 
 
 Rows = Iterable[tuple[str, object]]

@@ -7,7 +7,7 @@ from typing import Any
 
 from cell.formats.result import Result
 from cell.store.files import write_atomic
-from procedures.report.cover import Cover, cover
+from procedures.report.cover import Cover, cover, stopped_by
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section, table
 from procedures.report.numbers import DASH, dig, number
@@ -57,7 +57,9 @@ def _cause(source: Source[Any]) -> Html:
     where = [f"The job was in the state {last}."] if last else []
     where += [f"The cell ended in {state}."] if state else []
     if not isinstance(failure, Mapping):
-        return section("Why", paragraph(*where, " No error was recorded."))
+        why = stopped_by(source)
+        told = f"The run was {why}" if why else "No error was recorded."
+        return section("Why", paragraph(told), note(" ".join(where)))
     return section(
         "Why",
         paragraph(f"{failure.get('text')} (code {failure.get('code')}, {failure.get('name')})"),

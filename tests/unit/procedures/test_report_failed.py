@@ -44,3 +44,14 @@ def test_it_tells_the_last_entries_with_the_moves_and_how_old_the_states_were(fo
     assert "motion move_linear" in text
     assert "the arm's states were old by 10.6 ms 136.8 ms" in text
     assert "the event loop woke late" not in text  # it was not measured
+
+
+def test_a_run_that_somebody_stopped_says_who_did(tmp_path: Path) -> None:
+    run = RunFolder.create(tmp_path, "laser-check", 4, {"parameters": {}}, MonotonicClock())
+    run.note("state", state="sweep", why="")
+    run.note("operator", event="halt", who="ida (page, 127.0.0.1)")
+    run.finish({"outcome": "halted", "packml": "ABORTED", "verdict": None, "error": None})
+    text = Page(write_failed_report(run.path).read_text("utf-8")).text
+    assert "NO-GO the run ended halted: stopped at once by ida (page, 127.0.0.1)." in text
+    assert "The run was stopped at once by ida (page, 127.0.0.1)." in text
+    assert "The job was in the state sweep. The cell ended in ABORTED." in text
