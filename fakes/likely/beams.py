@@ -17,6 +17,8 @@ BELOW = (
 )  # share of the reach of the search at which the beams are: the operator taught it above them
 SPOT_M, HYSTERESIS_M = 0.0005, 0.00005  # radius of a focused beam, and of the switching point: assumptions
 LATENCY_S = 0.002
+# Of a module whose filter is set short, as it has to be for the beams: assumptions, as in the scenario laser.
+FILTER_S, SCAN_S = 0.001, 0.001
 SERIAL = "99993300001"
 
 
@@ -36,6 +38,8 @@ def draw_beams(known: KnownCell, arm: Chain, rng: np.random.Generator) -> dict[s
         "io": {
             "serial": SERIAL,
             "inputs": {name: beam.channel for name, beam in told.beams.items()},
+            "filter_s": FILTER_S,
+            "scan_s": SCAN_S,
         },
     }
 
