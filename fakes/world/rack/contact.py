@@ -74,6 +74,22 @@ def touch(T_slot_part: Array, shape: SlotShape, inward: float) -> Touch:
     return Touch(np.array([*across, along]), wedged=wedged)
 
 
+def relaxed(T_slot_part: Array, shape: SlotShape) -> Array:
+    """Where a part (4, 4) comes to rest that was pressed against the slot and is let go: (4, 4).
+
+    It springs back from the end and from a side that it leans on; one that is tilted between two sides stays.
+    """
+    T = T_slot_part.copy()
+    T[2, 3] = min(T[2, 3], shape.end)
+    R, depth = T[:3, :3], T[2, 3]
+    more = abs(R[1, 0]) * 0.5 * np.array([shape.part[1], shape.part[0]])
+    front = T[:2, 3]
+    ends = np.array([front, front - R[:2, 2] / R[2, 2] * depth])
+    over = np.maximum(np.abs(ends) + more - shape.room, 0.0) * np.sign(ends)
+    T[:2, 3] -= np.where(over[0] * over[1] >= 0.0, over[np.argmax(np.abs(over), axis=0), [0, 1]], 0.0)
+    return T
+
+
 def _wedged_from(
     front: Array, mouth: Array, tilt: Array, over_front: Array, over_mouth: Array, shape: SlotShape
 ) -> float | None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6, to_pose6
-from fakes.world.rack.contact import SlotShape, Touch, touch
+from fakes.world.rack.contact import SlotShape, Touch, relaxed, touch
 from fakes.world.rack.truth import RackTruth
 
 PLATE_M = 0.04  # beyond the openings
@@ -88,9 +88,12 @@ class Rack:
         self._put(number, RackPlace(t, True, np.linalg.inv(self._flange(t)) @ self._part(number, t)))
 
     def let_go(self, number: int, t: float) -> None:
-        """From ``t`` on the part stays where it is."""
+        """From ``t`` on the part stays where it is; in a slot it springs back from what it was pressed to."""
         T = self._part(number, t)
-        self._put(number, RackPlace(t, False, T, self._slot_at(T)))
+        slot = self._slot_at(T)
+        if slot is not None:
+            T = self._slot[slot - 1] @ relaxed(self._into_slot[slot - 1] @ T, self._shape(slot, t))
+        self._put(number, RackPlace(t, False, T, slot))
 
     # -- contact
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from fakes.frames.rack_view import RackView
-from fakes.world.rack.contact import SlotShape, Touch, touch
+from fakes.world.rack.contact import SlotShape, Touch, relaxed, touch
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from tests.kit.slot_scene import make_rack
@@ -62,6 +62,19 @@ def test_two_contacts_within_the_reach_of_friction_wedge(friction: float, wedged
     met = felt(x=0.5 * 0.05 * depth, depth=depth, tilt=0.05, shape=shape)
     assert met.wedged is wedged
     assert bool(met.force[2] < -20.0) is wedged
+
+
+@pytest.mark.parametrize(
+    ("x", "depth", "tilt"), [(0.0, 0.061, 0.0), (0.001, 0.03, 0.0), (-0.001, 0.061, 0.01)]
+)
+def test_a_part_that_is_let_go_springs_back(x: float, depth: float, tilt: float) -> None:
+    """From the end, and from the wall on one side; what it leaned on it touches no more."""
+    turned = Rotation.from_rotvec([0.0, tilt, 0.0])
+    T = RigidTransform.from_components([x, 0.0, depth], turned).as_matrix()
+    assert np.abs(touch(T, CHAMFERED, 0.0).force).max() > 10.0
+    rest = relaxed(T, CHAMFERED)
+    assert np.abs(touch(rest, CHAMFERED, 0.0).force).max() < 1e-6
+    assert np.linalg.norm(rest[:3, 3] - T[:3, 3]) < 0.0015
 
 
 def test_what_stands_out_of_a_slot_is_met_before_it() -> None:
