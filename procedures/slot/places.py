@@ -28,7 +28,7 @@ class SlotPlaces:
     async def fetch(self, lease: MotionLease) -> None:
         """The part in the gripper, or else one at ``fetch_pose``; ``PART_NOT_HELD`` when there is none."""
         name = self.config.fetch_pose
-        if self.gripper.holding(_FRESH_S):
+        if await self._holding():
             self._told(PartState.GRIPPED, "")
             return
         if name is None:
@@ -42,7 +42,7 @@ class SlotPlaces:
             await self._leave(lease, name)
 
         await self.run.take_step(f"fetch a part at {name}", take, measures=False)
-        if self.still_held(State.FETCH):
+        if await self.still_held(State.FETCH):
             return
         raise error("PART_NOT_HELD", f"it was lost on the way from {name}")
 
@@ -73,12 +73,20 @@ class SlotPlaces:
             raise error("PART_NOT_RELEASED", f"after {self.config.insertion.grip_timeout_s:g} s")
         self._told(PartState.RELEASED, "")
 
-    def still_held(self, state: State) -> bool:
+    async def still_held(self, state: State) -> bool:
         """False when the part is gone, which is noted."""
-        if self.gripper.holding(_FRESH_S):
+        if await self._holding():
             return True
         self._told(PartState.LOST, f"lost: the gripper holds nothing any more after '{state.value}'")
         return False
+
+    async def _holding(self) -> bool:
+        """By an input that is fresh, also where it comes late."""
+
+        async def ask() -> bool:
+            return self.gripper.holding(_FRESH_S)
+
+        return await self.run.take_step("look at the gripper", ask, measures=False)
 
     async def _go(self, lease: MotionLease, name: str) -> None:
         q, model = np.array(self.run.values.poses[name]), lease_settings(self.run.values)[0].model

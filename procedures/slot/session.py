@@ -126,7 +126,7 @@ class InsertionRun:
             run.note("decision", event="refused", why=why)
             self.reasons.append(why)
             return
-        if not self.places.still_held(S.MEASURE):
+        if not await self.places.still_held(S.MEASURE):
             return
         insertion = self.config.insertion
         near = self.stations.front_at(T_slot, -insertion.near_m)
@@ -137,7 +137,7 @@ class InsertionRun:
             await lease.move_linear(near)
 
         await run.take_step("align", align, measures=False)
-        if not self.places.still_held(S.ALIGN):
+        if not await self.places.still_held(S.ALIGN):
             return
         forced = await run.take_step("insertion", lambda: self._push(lease, T_slot, near), measures=False)
         await self._judge_push(lease, T_slot, near, forced)
@@ -164,12 +164,12 @@ class InsertionRun:
         """By travel and force: seated and let go; else drawn back, and what is held stays held."""
         travel, wanted = present(self.travel_m, "travel"), self.config.opening.depth_m
         tolerance = self.config.insertion.tolerance_m
-        if not self.places.still_held(S.INSERT):
+        if not await self.places.still_held(S.INSERT):
             await self._retreat(lease, near)
         elif forced and abs(travel - wanted) <= tolerance:
             self.note_part(PartState.INSERTED)
             await self.run.enter(S.RELEASE)
-            await self.places.let_go()
+            await self.run.take_step("let go of the part", self.places.let_go, measures=False)
             await self._retreat(lease, self.stations.front_at(T_slot, -self.config.insertion.clear_m))
         elif forced:
             why = f"jammed: {present(self.force_n, 'force'):.1f} N after {mm(travel)} of {mm(wanted)}"
@@ -210,10 +210,10 @@ class InsertionRun:
             self.note_part(
                 PartState.JAMMED, f"jammed: {present(self.force_n, 'force'):.1f} N while it was pulled"
             )
-            await self.places.let_go()
+            await run.take_step("let go of the part", self.places.let_go, measures=False)
             await self._retreat(lease, out)
             return False
-        if not self.places.still_held(S.PULL):
+        if not await self.places.still_held(S.PULL):
             return False
         if self.config.put_down_pose is not None:
             await self.places.put_down(lease)

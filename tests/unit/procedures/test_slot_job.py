@@ -280,16 +280,21 @@ def test_after_a_stop_in_any_state_the_next_run_goes_on_with_the_part(tmp_path: 
 
 
 @pytest.mark.soak
-def test_an_insertion_that_a_silence_interrupts_begins_anew_before_the_slot(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("state", "after_s", "step"), [("insert", 0.5, "insertion"), ("release", 0.0, "let go of the part")]
+)
+def test_a_step_of_an_insertion_that_a_silence_interrupts_begins_anew(
+    tmp_path: Path, state: str, after_s: float, step: str
+) -> None:
     def prepare(cell: ObjectCell) -> None:
         give_hand_eye(cell)
         quiet = {"duration_s": 0.4}
-        cell.at_state("insert", lambda: cell.plant.controller.inject("silence", quiet), after_s=0.5)
+        cell.at_state(state, lambda: cell.plant.controller.inject("silence", quiet), after_s)
 
     def look(ran: Ran) -> None:
         assert ran.result is not None
         assert ran.result["verdict"] == "pass"
-        assert [again["step"] for again in ran.result["inputs"]["steps_taken_again"]] == ["insertion"]
+        assert [again["step"] for again in ran.result["inputs"]["steps_taken_again"]] == [step]
         assert ran.in_slot(1) == NEW_PART
 
     run_of(config(tmp_path), look, prepare)
