@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -31,10 +32,13 @@ def console_script(name: str) -> Path:
 
 
 class Child:
-    """``with Child("twin", command, log) as child``: at the end of the block the process is gone."""
+    """``with Child("twin", command, log) as child``: at the end of the block the process is gone.
 
-    def __init__(self, name: str, command: list[str], log: Path) -> None:
-        self.name, self._command, self._log = name, command, log
+    Twin and daemon have the priority that the service has, where the system permits it: the default ``nice``.
+    """
+
+    def __init__(self, name: str, command: list[str], log: Path, nice: int = SERVICE_NICE) -> None:
+        self.name, self._command, self._log, self._nice = name, command, log, nice
 
     def __enter__(self) -> Self:
         with self._log.open("wb") as log:
@@ -45,7 +49,7 @@ class Child:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=partial(_end_with_parent, self._nice),
             )
         return self
 
@@ -65,7 +69,7 @@ class Child:
             self.check_alive()
             if time.monotonic() > give_up:
                 raise error(
-                    "CALL_TIMEOUT", f"the {self.name}: no {what} in {timeout:g} s; {self._last_words()}"
+                    "CALL_TIMEOUT", f"the {self.name}: no {what} in {timeout:g} s; {self.last_words()}"
                 )
             time.sleep(0.05)
 
@@ -73,7 +77,13 @@ class Child:
         """``CHILD_DIED`` with its last words if it is gone, or goes within ``patience`` seconds."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(patience)
-            raise error("CHILD_DIED", f"the {self.name} ended with code {code}; {self._last_words()}")
+            raise error("CHILD_DIED", f"the {self.name} ended with code {code}; {self.last_words()}")
+
+    def ended(self, timeout: float) -> bool:
+        """Whether it has ended by itself within ``timeout`` seconds."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout)
+        return self._process.poll() is not None
 
     def end(self) -> None:
         """SIGTERM with a deadline, then SIGKILL to whatever is left of its session."""
@@ -85,16 +95,14 @@ class Child:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait(KILL_DEADLINE_S)
 
-    def _last_words(self) -> str:
+    def last_words(self) -> str:
+        """The end of its log."""
         lines = self._log.read_text("utf-8", "replace").strip().splitlines()[-LAST_LINES:]
         return f"its log {self._log} ends: " + " / ".join(line.strip() for line in lines)
 
 
-def _end_with_parent() -> None:
-    """Runs in the child before exec: even a killed demo leaves no process.
-
-    Twin and daemon get the priority that the service has, where the system permits it.
-    """
+def _end_with_parent(nice: int) -> None:
+    """Runs in the child before exec: even a killed demo leaves no process."""
     with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, SERVICE_NICE)
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -10,16 +10,19 @@ import logging
 import time
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from cell.clock import Clock
 from cell.devices import DeviceState
-from cell.errors import error, present
+from cell.errors import CellError, error, present
 from cell.motion import MotionBroker
+from cell.store.files import to_json, write_atomic
 from cell.store.ledger import Ledger
 from daemon.cell_context import CellContext
+from daemon.cli.failures import FAILED
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.composition import supervised_devices
@@ -41,14 +44,22 @@ READY_S = 30.0
 POLL_S = 0.1
 WHO = "the demo"
 STATE = "fast-state"  # as in fast_*.toml
+ROWS_FILE = "rows.json"  # what each step came to, for the demo that this one runs beside
 
 
 def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
-    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA a minute.")
+    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA two minutes.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
     scenes = scenes_of(steps)
-    rows = [row for scene in scenes for row in _play(scene, folder / scene.twin)]
+    rows: list[Row] = []
+    for scene in scenes:
+        try:
+            rows += _play(scene, folder / scene.twin)
+        except CellError as failure:
+            say(f"{failure}. {failure.hint}")
+            rows += [Row(step.job, "-", "-", f"not done: {failure}", FAILED) for step in scene.steps]
+    write_atomic(folder / ROWS_FILE, to_json([asdict(row) for row in rows]))
     return close_demo(rows, [CellState(s.twin, folder / s.twin / STATE) for s in scenes], folder)
 
 
@@ -117,6 +128,9 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
         say("the tool was bumped")
     if step.held is not None:
         world.operator.move_on(clock.now())
+    if step.removes_board:
+        world.operator.remove(clock.now())
+        say("the board was taken away")
     run_id: int = (await engine.start(StartRequest(step.job, {}, WHO, "demo")))["run_id"]
     placement, finished = 0, False
     with ProgressBar() as bar:

@@ -20,7 +20,8 @@ class Step:
     """One run: what must be ready, how long it takes on real protocols, and what is done to the twin before.
 
     ``moves_board`` says what a prompt asks of the operator: to place the board anew, else only to confirm.
-    Steps with another ``twin`` run in a twin of their own (``daemon.demo.scenes``).
+    Steps with another ``twin`` run in a twin of their own (``daemon.demo.scenes``). Those that are
+    ``objects`` run as in the fast demo, beside the others.
     """
 
     job: str
@@ -34,6 +35,8 @@ class Step:
     picks: int = 0  # after so many the PLC finishes the job
     after: str | None = None  # the job whose result it needs
     held: HeldPoint | None = None  # a person brings the tool's point over corners of the board
+    removes_board: bool = False  # the board is taken away before
+    objects: bool = False
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
 
 
@@ -80,12 +83,55 @@ BELT_TRACKING = Step(
     picks=10,
     given_camera=True,
 )
+EYE_TO_HAND = Step(
+    "cone-capture",
+    1,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "a fixed camera and a board on the flange",
+    moves_board=True,
+    twin="eye_to_hand",
+    objects=True,
+)
+EYE_TO_HAND_CHECK = Step(
+    "eye-to-hand-check",
+    8,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "that camera's pose and the arm's positioning graded by a target at a known place",
+    twin="eye_to_hand",
+    after="cone-capture",
+    objects=True,
+)
+RACK = Step(
+    "cone-capture",
+    1,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "the camera of the arm before the rack",
+    moves_board=True,
+    twin="rack",
+    objects=True,
+)
+SLOT_INSERTION = Step(
+    "slot-insertion",
+    9,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "a part into a slot with 0.5 mm of room",
+    twin="rack",
+    after="cone-capture",
+    removes_board=True,
+    objects=True,
+)
 # In the order in which they are shown; steps of one twin stand together.
 STEPS: dict[str, tuple[Step, ...]] = {
     "cone-capture": (CONE_CAPTURE,),
     "laser-update": (LASER_REFERENCE, LASER_UPDATE),
     "tracker-sampling": (TRACKER_SAMPLING,),
     "belt-tracking": (BELT_TRACKING,),
+    "eye-to-hand-check": (EYE_TO_HAND, EYE_TO_HAND_CHECK),
+    "slot-insertion": (RACK, SLOT_INSERTION),
 }
 
 
@@ -96,5 +142,6 @@ def steps_of(jobs: Sequence[str]) -> list[Step]:
 
 def eta_text(steps: Sequence[Step]) -> str:
     """How long it takes and what is to be seen, in one sentence."""
-    minutes = max(round(sum(step.seconds for step in steps) / 60), 1)
+    real = [step for step in steps if not step.objects]
+    minutes = max(round(sum(step.seconds for step in real) / 60), 1)
     return f"about {minutes} minute{'s' * (minutes > 1)} in real time: " + "; ".join(s.text for s in steps)

@@ -20,6 +20,7 @@ from daemon.cli.failures import FAILED
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
+from daemon.demo.beside import ObjectSteps
 from daemon.demo.children import Child, console_script
 from daemon.demo.closing import Row, close_demo
 from daemon.demo.ending import conclude
@@ -55,20 +56,31 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     say(f"It shows: {shown}.")
     say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     rows: list[Row] = []
+    objects = ObjectSteps(folder, steps)
+    scenes = scenes_of([step for step in steps if not step.objects])
     with _interrupted_once():
         say(f"Files and logs go to {folder}")
-        for scene in scenes_of(steps):
-            done: list[Finished] = []
-            lost = None
-            try:
-                _play(scene, folder / scene.twin, done, page)
-            except CellError as failure:
-                say(f"{failure}. {failure.hint}")
-                lost = failure
-            rows += [conclude(*run) if isinstance(run, tuple) else run for run in done]
-            rows += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
-    twins = [CellState(scene.twin, folder / scene.twin / STATE) for scene in scenes_of(steps)]
-    return close_demo(rows, twins, folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        with objects.begun():
+            rows += _all(scenes, folder, page)
+            rows += objects.rows()
+    twins = [CellState(scene.twin, folder / scene.twin / STATE) for scene in scenes]
+    return close_demo(rows, [*twins, *objects.cells()], folder)
+
+
+def _all(scenes: Sequence[DemoScene], folder: Path, page: DemoPage) -> list[Row]:
+    rows: list[Row] = []
+    for scene in scenes:
+        done: list[Finished] = []
+        lost = None
+        try:
+            _play(scene, folder / scene.twin, done, page)
+        except CellError as failure:
+            say(f"{failure}. {failure.hint}")
+            lost = failure
+        rows += [conclude(*run) if isinstance(run, tuple) else run for run in done]
+        rows += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
+    return rows
 
 
 Finished = tuple[Path, int, dict[str, Any]] | Row

@@ -1,0 +1,61 @@
+"""The steps of the demo on objects, beside those on real protocols."""
+
+from pathlib import Path
+
+import pytest
+
+from daemon.demo.beside import FOLDER, ObjectSteps
+from daemon.demo.steps import BELT_TRACKING, STEPS, steps_of
+
+STEPS_OF_SLOT = STEPS["slot-insertion"]
+ROW = '{"job": "slot-insertion", "stated": "0.4 mm", "off": "0.1 mm", "verdict": "pass", "code": 0}'
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What is started instead of the demo's own command."""
+    path = tmp_path / "stand-in"
+    monkeypatch.setattr("daemon.demo.beside.console_script", lambda name: path)
+    return path
+
+
+def script(path: Path, text: str) -> None:
+    path.write_text(f"#!/bin/sh\n{text}\n", "utf-8")
+    path.chmod(0o755)
+
+
+def test_its_rows_say_that_they_are_virtual(tmp_path: Path, command: Path) -> None:
+    out = tmp_path / FOLDER
+    script(command, f"echo \"$@\"; mkdir -p {out}; echo '[{ROW}]' > {out}/rows.json")
+    subject = ObjectSteps(tmp_path, [BELT_TRACKING, *STEPS_OF_SLOT])
+    with subject.begun():
+        (row,) = subject.rows()
+    assert (row.job, row.off, row.code) == ("slot-insertion (virtual)", "0.1 mm", 0)
+    assert "--fast" in (tmp_path / "objects.log").read_text()
+    assert [cell.name for cell in subject.cells()] == ["rack"]
+
+
+def test_what_it_did_not_come_to_is_told_with_its_last_words(tmp_path: Path, command: Path) -> None:
+    script(command, "echo the disk is full; exit 3")
+    subject = ObjectSteps(tmp_path, STEPS_OF_SLOT)
+    with subject.begun():
+        rows = subject.rows()
+    assert [row.job for row in rows] == ["cone-capture", "slot-insertion"]
+    assert all(row.code and "the disk is full" in row.verdict for row in rows)
+
+
+def test_rows_of_an_earlier_demo_do_not_count(tmp_path: Path, command: Path) -> None:
+    out = tmp_path / FOLDER
+    out.mkdir()
+    (out / "rows.json").write_text(f"[{ROW}]")
+    script(command, "exit 0")
+    subject = ObjectSteps(tmp_path, STEPS_OF_SLOT)
+    with subject.begun():
+        assert all(row.code for row in subject.rows())
+
+
+def test_without_such_steps_nothing_is_started(tmp_path: Path, command: Path) -> None:
+    subject = ObjectSteps(tmp_path, steps_of(["belt-tracking"]))
+    with subject.begun():
+        assert subject.rows() == []
+    assert list(tmp_path.iterdir()) == []
