@@ -84,7 +84,7 @@ def twin(
 
 
 def _refuse_before(command: str, context: typer.Context, folder: Path) -> None:
-    """Options of a twin that is started, given to a command: it would go to another twin, or without them."""
+    """Refuse options that stand before a command: it starts no twin, and has an ``--out`` of its own."""
     for name in context.params:
         source = context.get_parameter_source(name)
         if source is None or source.name != "COMMANDLINE":
