@@ -11,9 +11,15 @@ def shipped_text(name: str) -> str:
 
 
 def ideal_text(name: str) -> str:
-    """The same cell in an ideal world, which is what ``NAME:ideal`` loads."""
+    """The same cell in an ideal world, which is what ``NAME:ideal`` loads.
+
+    Not for a scenario that is like another: what is to be left out stands in that one's text, too.
+    """
+    text = shipped_text(name)
+    if "\nlike = " in text:
+        raise ValueError(f"{name} is like another scenario, so its text alone has no ideal world")
     kept, table, within = list[str](), "", True
-    for line in shipped_text(name).splitlines():
+    for line in text.splitlines():
         if line.startswith("["):
             _, table, key, *_ = [*line.strip("[] ").split("."), "", ""]
             within = key not in IDEAL.get(table, ())

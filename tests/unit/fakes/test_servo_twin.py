@@ -15,7 +15,7 @@ from fakes.world.arm.smoothed import Smoothed
 from fakes.world.arm.truth import Lag, ReportedTruth, ServoTruth
 from fakes.world.scenario import Scenario, shipped_scenarios
 from fakes.world.world import World
-from tests.kit.ideal_world import ideal_text
+from tests.kit.ideal_world import ideal_text, shipped_text
 
 PERIOD_S, LATE_S = 0.002, 0.05
 RATE = np.array([0.2, -0.3, 0.5, 0.0, 1.0, 0.1])
@@ -93,10 +93,20 @@ def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
     assert (real.gripper.close_s, ideal.gripper.close_s) == (0.3, 0.04)
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+LIKE = [name for name in shipped_scenarios() if "\nlike = " in shipped_text(name)]
+
+
+@pytest.mark.parametrize("name", sorted({*shipped_scenarios()} - {*LIKE}))
 def test_the_text_of_an_ideal_world_is_what_its_name_loads(name: str) -> None:
-    text = ideal_text(name)
-    assert Scenario.parse(text, ideal="\nlike = " in text) == Scenario.load(f"{name}:ideal")
+    assert Scenario.parse(ideal_text(name)) == Scenario.load(f"{name}:ideal")
+
+
+@pytest.mark.parametrize("name", LIKE)
+def test_the_ideal_world_of_a_scenario_that_is_like_another_has_no_text(name: str) -> None:
+    with pytest.raises(ValueError, match="is like another scenario"):
+        ideal_text(name)
+    ideal = Scenario.load(f"{name}:ideal").world
+    assert ideal.arm.servo == ServoTruth(), "what the other one says is left out, too"
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
