@@ -7,6 +7,8 @@ from cell.devices import Device
 from cell.poses import Array
 from cell.samples import Sample, Stream
 
+MOST_SIGMA0_M, MOST_SIGMA_PER_M = 0.1, 1e-3  # that an instrument may have stated of it, see TrackerNoise
+
 
 @dataclass(frozen=True, slots=True)
 class TrackerState:

@@ -5,6 +5,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.laser_tracker import MOST_SIGMA0_M, MOST_SIGMA_PER_M
 from drivers.tracker.address import TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
 
@@ -40,13 +41,13 @@ class GeocomConfig(TrackerConfig):
     sigma0_m: float = Field(
         default=1e-3,
         gt=0.0,
-        le=0.1,
+        le=MOST_SIGMA0_M,
         description="Standard deviation of a reading along one axis, at no range; the default is a station's",
     )
     sigma_per_m: float = Field(
         default=5e-6,
         ge=0.0,
-        le=1e-3,
+        le=MOST_SIGMA_PER_M,
         description="What a metre of range adds to it; the default is an arc second",
     )
     expect_serial: str | None = Field(default=None, description="Serial number that the instrument must have")

@@ -5,6 +5,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.laser_tracker import MOST_SIGMA0_M, MOST_SIGMA_PER_M
 from drivers.tracker.address import NetAddress, TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
 
@@ -39,9 +40,9 @@ class LineStreamConfig(TrackerConfig):
     )
     model: str = Field(default="line stream", description="shown as the model of the instrument")
     sigma0_m: float = Field(
-        gt=0.0, le=0.1, description="Standard deviation of a reading along one axis, at no range"
+        gt=0.0, le=MOST_SIGMA0_M, description="Standard deviation of a reading along one axis, at no range"
     )
-    sigma_per_m: float = Field(ge=0.0, le=1e-3, description="What a metre of range adds to it")
+    sigma_per_m: float = Field(ge=0.0, le=MOST_SIGMA_PER_M, description="What a metre of range adds to it")
     reflectors: dict[str, StreamReflector] = Field(min_length=1, description="By name, as in { smr1 = {} }")
     pattern: str | None = Field(
         default=None,

@@ -7,7 +7,14 @@ from cell.clock import Clock
 from cell.devices import Identity
 from cell.errors import CellError, error
 from cell.formats.reading import Strict
-from cell.laser_tracker import LaserTracker, StablePoint, TrackerNoise, TrackerState
+from cell.laser_tracker import (
+    MOST_SIGMA0_M,
+    MOST_SIGMA_PER_M,
+    LaserTracker,
+    StablePoint,
+    TrackerNoise,
+    TrackerState,
+)
 from cell.poses import Array
 from cell.samples import Sample
 from fakes.object._lazy import LazyStream
@@ -34,8 +41,10 @@ class ObjectTrackerConfig(Strict):
     reflectors: dict[str, ObjectReflectorConfig] = Field(
         default={}, description="by name; without any those of the scenario, as their labels say"
     )
-    sigma0_m: float | None = Field(default=None, gt=0, le=0.1, description="stated noise; else the true one")
-    sigma_per_m: float | None = Field(default=None, ge=0, le=0.001)
+    sigma0_m: float | None = Field(
+        default=None, gt=0, le=MOST_SIGMA0_M, description="stated noise; else the true one"
+    )
+    sigma_per_m: float | None = Field(default=None, ge=0, le=MOST_SIGMA_PER_M)
     min_readings: int = Field(default=3, ge=2, le=1000)
     reply_s: float = Field(default=0.002, ge=0, le=0.02)
     lost_after_s: float = Field(default=1.0, gt=0, le=10)

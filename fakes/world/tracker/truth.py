@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cell.formats.reading import Strict
+from cell.laser_tracker import MOST_SIGMA0_M, MOST_SIGMA_PER_M
 from fakes.world.beams.truth import Three
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -67,8 +68,12 @@ class TrackerTruth(Strict):
     name: str = "Twin tracker"
     version: str = Field(default="1.2.3", pattern=r"^\d+\.\d+\.\d+$")
     T_base_tracker: Six
-    sigma0_m: float = Field(default=15e-6, ge=0, le=0.01, description="noise of a reading along one axis")
-    sigma_per_m: float = Field(default=6e-6, ge=0, le=0.001, description="and what each metre of range adds")
+    sigma0_m: float = Field(
+        default=15e-6, ge=0, le=MOST_SIGMA0_M, description="noise of a reading along one axis"
+    )
+    sigma_per_m: float = Field(
+        default=6e-6, ge=0, le=MOST_SIGMA_PER_M, description="and what each metre of range adds"
+    )
     drift_m_h: Three = Field(default=[0.0] * 3, description="how the stand creeps, base frame, m/h")
     drift_rad_h: Three = Field(default=[0.0] * 3, description="and turns about the instrument, rad/h")
     rate_hz: float = Field(default=50.0, ge=1, le=1000, description="readings while it follows a reflector")

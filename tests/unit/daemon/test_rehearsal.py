@@ -116,7 +116,12 @@ def test_what_a_twin_draws_is_around_what_the_configuration_says(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("device", "noise", "one_by_one"), [({}, (1e-3, 5e-6), True), (LASER_TRACKER, (15e-6, 6e-6), False)]
+    ("device", "noise", "one_by_one"),
+    [
+        ({}, (1e-3, 5e-6), True),
+        (LASER_TRACKER, (15e-6, 6e-6), False),
+        ({'driver = "geocom"\n': 'driver = "geocom"\nsigma0_m = 0.1\n'}, (0.1, 5e-6), True),
+    ],
 )
 def test_a_twin_has_the_instrument_that_the_cell_has(
     device: dict[str, str], noise: tuple[float, float], one_by_one: bool, tmp_path: Path
