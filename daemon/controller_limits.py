@@ -43,14 +43,19 @@ def require_within(
     ``LIMITS_BEYOND_CONTROLLER`` where they allow a joint more than the controller ``told``; ``speeds_from``
     is the section of the file that the joint speeds stand in.
     """
-    ranges = limits.get("joint_ranges_rad")
-    found = [*_too_fast(limits["joint_speed_rad_s"], told, speeds_from), *_too_far(ranges, told)]
-    if found:
+    if found := beyond(limits, told, speeds_from):
         raise error("LIMITS_BEYOND_CONTROLLER", "; ".join(found))
+    ranges = limits.get("joint_ranges_rad")
     if ranges is None or (own := told.get("joint_ranges_rad")) is None:
         return dict(limits)
     within = _common(np.array(ranges, dtype=float), np.array(own, dtype=float))
     return {**limits, "joint_ranges_rad": within.tolist()}
+
+
+def beyond(limits: Mapping[str, Any], told: Mapping[str, Any], speeds_from: str = "limits") -> list[str]:
+    """What ``limits`` allow a joint beyond what the controller ``told``; :func:`require_within` refuses it."""
+    ranges = _too_far(limits.get("joint_ranges_rad"), told)
+    return [*_too_fast(limits["joint_speed_rad_s"], told, speeds_from), *ranges]
 
 
 def _too_fast(wanted: float | Sequence[float], told: Mapping[str, Any], section: str) -> list[str]:

@@ -24,7 +24,7 @@ from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
 from daemon.program_start import ProgramStart
-from daemon.recipes import arguments_of_recipe, with_recipe
+from daemon.recipes import arguments_of_recipe, place_of, with_recipe
 from daemon.results import note_arm_model, propose_results
 from daemon.run_end import failure_of, keep_shown, main_figure_of, write_end
 from daemon.run_making import make_run, withdraw_run
@@ -95,7 +95,7 @@ class Engine:
         context = self.context
         if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
-        values = await self._values_of(procedure, tool)
+        values = await self._values_of(procedure, tool, request.recipe)
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
             "config": context.config.part_of_a_run(),
@@ -140,12 +140,13 @@ class Engine:
         """The tool that a start asks for; a job that moves the arm has to know what is on the flange."""
         return loaded_tool(self.context.config, procedure.name, asked, "arm" in procedure.uses())
 
-    async def _values_of(self, procedure: Procedure, tool: CellTool | None) -> RunValues:
+    async def _values_of(self, procedure: Procedure, tool: CellTool | None, recipe: str) -> RunValues:
         """The values that the job works with now; refused where they cannot be used."""
         config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
         asked = config, self.ledger, supervisor, roles, tool, procedure.reads_reference
         values = await asyncio.to_thread(resolve_values, *asked)
-        values = with_limits(values, procedure, told_by(config, supervisor))
+        place = place_of(config, recipe, procedure.name, "limits")
+        values = with_limits(values, procedure, told_by(config, supervisor), place)
         values = with_arm_model(values, procedure, config, supervisor)
         procedure.check(values)
         return values
@@ -158,7 +159,8 @@ class Engine:
             request = with_recipe(config, StartRequest(name, {}, "", ""))
             recipe = arguments_of_recipe(config, request)
             await self._devices_of(procedure := self._make_procedure(request.job, {}, recipe))
-            await self._values_of(procedure, self._tool_of(procedure, tool or recipe.get(ARGUMENT)))
+            on_flange = self._tool_of(procedure, tool or recipe.get(ARGUMENT))
+            await self._values_of(procedure, on_flange, request.recipe)
             return None
         except CellError as refusal:
             return refusal

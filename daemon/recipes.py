@@ -19,6 +19,13 @@ def arguments_of_recipe(config: CellConfig, request: StartRequest) -> Mapping[st
     return config.recipe[request.recipe].parameters if request.recipe else {}
 
 
+def place_of(config: CellConfig, recipe: str | None, job: str, key: str) -> str:
+    """The section that the ``key`` of a start is from: the recipe that it names, if that has it, else the
+    job's."""
+    own = recipe and key in config.recipe[recipe].parameters
+    return f"recipe.{recipe}" if own else f"job.{job}"
+
+
 def recipes_by_number(config: CellConfig) -> dict[int, str]:
     """The recipes that a PLC can start, by their number."""
     return {recipe.number: name for name, recipe in config.recipe.items() if recipe.number is not None}

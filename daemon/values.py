@@ -14,7 +14,7 @@ from cell.procedure import Procedure
 from cell.run_values import CONTROLLER, RunValues
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
-from daemon.controller_limits import limits_in_use, require_within, told_by
+from daemon.controller_limits import beyond, limits_in_use, require_within, told_by
 from daemon.supervisor import Supervisor
 from daemon.tools import CellTool, tools_of, usual_tool
 from procedures.arm_setup import with_job_limits
@@ -164,15 +164,33 @@ def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, flo
     return offset
 
 
-def with_limits(values: RunValues, procedure: Procedure, told: Mapping[str, Any]) -> RunValues:
+def with_limits(
+    values: RunValues, procedure: Procedure, told: Mapping[str, Any], place: str = ""
+) -> RunValues:
     """``values`` with the limits that the job brings, and for a job that moves the arm none beyond those that
-    the arm's controller ``told``: ``LIMITS_BEYOND_CONTROLLER`` where they are more than rounded."""
-    of_job = getattr(procedure.config, "limits", None)
-    values = with_job_limits(values, of_job)
+    the arm's controller ``told``: ``LIMITS_BEYOND_CONTROLLER`` where they are more than rounded.
+
+    ``place`` is the section that they are from; without it, the job's.
+    """
+    values, section = _with_own_limits(values, procedure, place)
     if "arm" not in procedure.uses():
         return values
-    section = f"job.{procedure.name}.limits" if hasattr(of_job, "joint_speed_rad_s") else "limits"
     return replace(values, limits=require_within(values.limits, told, section))
+
+
+def beyond_controller(
+    values: RunValues, procedure: Procedure, told: Mapping[str, Any], place: str = ""
+) -> list[str]:
+    """What :func:`with_limits` would refuse as beyond the controller, each limit by itself."""
+    values, section = _with_own_limits(values, procedure, place)
+    return beyond(values.limits, told, section) if "arm" in procedure.uses() else []
+
+
+def _with_own_limits(values: RunValues, procedure: Procedure, place: str) -> tuple[RunValues, str]:
+    """``values`` with the limits that the job brings, and where those of the joints' speeds stand."""
+    of_job = getattr(procedure.config, "limits", None)
+    own = hasattr(of_job, "joint_speed_rad_s")
+    return with_job_limits(values, of_job), f"{place or f'job.{procedure.name}'}.limits" if own else "limits"
 
 
 def with_arm_model(

@@ -2,9 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
-from contextlib import ExitStack
-from functools import partial
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +14,12 @@ from cell.wire_recording.writer import WireRecorder
 from daemon.cli.failures import exit_code_of
 from daemon.composition import bound_to, supervised_devices
 from daemon.config import CellConfig
-from daemon.controller_limits import narrower_than_planned, require_within
+from daemon.controller_limits import beyond, narrower_than_planned
 from daemon.health import Beats
 from daemon.job_config import make_procedure
+from daemon.recipes import place_of
 from daemon.supervisor import ExpectedIdentity
-from daemon.values import configured_values, with_limits
+from daemon.values import beyond_controller, configured_values
 from procedures.registry import JOBS
 
 OPEN_TIMEOUT_S = 20.0
@@ -59,21 +58,20 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
 
 def judge_limits(config: CellConfig, report: dict[str, Any]) -> None:
     """Add to the report of the arm what its controller's own limits say of ``[limits]``, and of those that a
-    job brings of its own, as its start would refuse them."""
+    job or a recipe brings of its own, as its start would refuse them."""
     report["doubts"] += narrower_than_planned(config, report)
     if report["exit_code"]:
         return
     values = configured_values(config)
-    jobs = [make_procedure(JOBS[name], config, {}) for name in JOBS if config.job_section(name)]
-    judges: list[Callable[[], object]] = [partial(require_within, values.limits, report)]
-    judges += [partial(with_limits, values, job, report) for job in jobs]
-    found = dict[str, None]()  # each once, though jobs share [limits]
-    for judge in judges:
-        try:
-            judge()
-        except CellError as exc:
-            if exc.name == "LIMITS_BEYOND_CONTROLLER":  # others are findings of the check itself
-                found[exc.detail] = None
+    found = dict.fromkeys(beyond(values.limits, report))  # each once, though jobs share [limits]
+    starts: list[tuple[str, str, dict[str, Any]]]
+    starts = [(name, "", {}) for name in JOBS if config.job_section(name)]
+    starts += [(recipe.job, name, recipe.parameters) for name, recipe in config.recipe.items()]
+    for job, recipe, parameters in starts:
+        place = place_of(config, recipe, job, "limits")
+        with suppress(CellError):  # a finding of the check itself
+            procedure = make_procedure(JOBS[job], config, {}, parameters)
+            found |= dict.fromkeys(beyond_controller(values, procedure, report, place))
     if found:
         _blame(report, error("LIMITS_BEYOND_CONTROLLER", "; ".join(found)))
 

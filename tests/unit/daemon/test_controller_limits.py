@@ -12,6 +12,7 @@ from cell.errors import CellError
 from daemon.cli.probe import judge_limits
 from daemon.config import CellConfig
 from daemon.controller_limits import limits_in_use, require_within
+from daemon.recipes import place_of
 from daemon.values import configured_values, resolve_values, with_limits
 from fakes.object import run_virtual
 from procedures.belt.config import JobLimits
@@ -24,6 +25,7 @@ TOLD = {
     "joint_speeds_rad_s": [2.294, 2.294, 3.342, 3.342, 3.342, 3.342],
     "joint_ranges_rad": [[-1.5708, 1.5708], *[TURN] * 5],
 }
+WIDE = [[-2.5, 1.0], *[[-6.3, 6.3]] * 5]
 HALF = [[-1.7, 1.0], *[[-3.0, 3.0]] * 5]
 
 
@@ -195,3 +197,24 @@ def test_a_probe_finds_the_limits_that_a_job_brings_of_its_own(tmp_path: Path) -
     assert report["exit_code"] == 2
     assert report["answer"].count("joint 'base'") == 1
     assert "write job.belt-tracking.limits.joint_speed_rad_s = [2.294, 2.294, 2.4, " in report["answer"]
+
+
+def test_a_probe_finds_the_limits_of_a_recipe_and_tells_each_clause_once(tmp_path: Path) -> None:
+    limits = {"workspace": BOX, "allow_job_override": True, "joint_ranges_rad": WIDE}
+    fast = {"job": "belt-tracking", "limits": {"joint_speed_rad_s": 3.0}}
+    config = picking_config(
+        tmp_path, {"limits": {"joint_speed_rad_s": 2.4}}, limits=limits, recipe={"fast": fast}
+    )
+    report: dict[str, Any] = {"device": "arm", "answer": "ok", "exit_code": 0, "doubts": [], **TOLD}
+    judge_limits(config, report)
+    told = report["answer"]
+    assert told.count("write job.belt-tracking.limits.joint_speed_rad_s = [2.294, 2.294, 2.4, ") == 1
+    assert told.count("write recipe.fast.limits.joint_speed_rad_s = [2.294, 2.294, 3.0, ") == 1
+    assert told.count("limits.joint_ranges_rad allows joint 'base'") == 1
+
+
+def test_the_limits_of_a_start_stand_in_its_recipe_if_that_has_them(tmp_path: Path) -> None:
+    fast = {"job": "belt-tracking", "limits": {"joint_speed_rad_s": 2.4}}
+    config = picking_config(tmp_path, recipe={"fast": fast, "plain": {"job": "belt-tracking"}})
+    places = [place_of(config, recipe, "belt-tracking", "limits") for recipe in ("", "plain", "fast")]
+    assert places == ["job.belt-tracking", "job.belt-tracking", "recipe.fast"]
