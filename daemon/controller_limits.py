@@ -53,7 +53,7 @@ def require_within(
 
 
 def beyond(limits: Mapping[str, Any], told: Mapping[str, Any], speeds_from: str = "limits") -> list[str]:
-    """What ``limits`` allow a joint beyond what the controller ``told``; :func:`require_within` refuses it."""
+    """What ``limits`` allow a joint beyond what the controller ``told``, for :func:`require_within`."""
     ranges = _too_far(limits.get("joint_ranges_rad"), told)
     return [*_too_fast(limits["joint_speed_rad_s"], told, speeds_from), *ranges]
 
