@@ -9,7 +9,6 @@ from daemon.config.findings import Findings, did_you_mean
 from daemon.config.limits_section import LimitsSection
 from daemon.config.locate import Path
 from daemon.config.roles import ROLES, devices_by_role
-from daemon.config.tools import has_plain_tool
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
@@ -95,7 +94,7 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_exposure(raw, findings)
     _check_due(raw, findings)
     _check_filter(raw, findings)
-    _check_load(raw, findings)
+    _check_tool(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
@@ -104,16 +103,10 @@ def _has_arm(raw: Mapping[str, Any]) -> bool:
     return "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
 
 
-def _check_load(raw: Mapping[str, Any], findings: Findings) -> None:
-    """What the flange carries is measured: no job moves an arm whose load is left out."""
+def _check_tool(raw: Mapping[str, Any], findings: Findings) -> None:
     if not _has_arm(raw) or _table(raw, "cell").get("twin", False) is not False:
         return
-    robot, tools = _table(raw, "robot"), _table(raw, "tool")
-    own = not has_plain_tool(raw) and all("payload_kg" in _table(tools, name) for name in tools)
-    if "payload_kg" not in robot and not own:
-        text = "is missing, so no job may move the arm: weigh what is on the flange, or write 0.0"
-        findings.add_problem(("robot", "payload_kg"), text)
-    if "tool" not in robot and not tools:
+    if "tool" not in _table(raw, "robot") and not _table(raw, "tool"):
         text = "is missing, so nothing is expected beyond the flange: measure the tool, or write {}"
         findings.warn(("robot", "tool"), text)
 

@@ -41,6 +41,7 @@ from daemon.config.program_after import check_program_after
 from daemon.config.recipes import Recipe, check_recipes
 from daemon.config.roles import ROLES, devices_by_role, kind_of
 from daemon.config.tools import NamedToolSection, check_tools, has_plain_tool
+from daemon.config.untold_loads import check_loads
 
 MAX_BYTES = 2**20
 DEEPEST = 16  # tables and arrays in each other
@@ -174,7 +175,9 @@ def check_config(
     for name, section in _tables(raw, "job"):
         _check_job(name, section, findings, jobs, roles)
     check_program_after(raw, devices, roles, findings, drivers)
-    recipes = check_recipes(raw, {**jobs, **_configured_jobs(raw)}, findings)
+    known_jobs = {**jobs, **_configured_jobs(raw)}
+    recipes = check_recipes(raw, known_jobs, findings)
+    check_loads(raw, known_jobs, roles, findings)
     fixed = _validated(FixedSections, raw, (), findings)
     spec = _robot_spec(raw, findings, path)
     observed = _observed_spec(raw, devices, findings, path)

@@ -73,7 +73,19 @@ def _check_parameters(
     place: tuple[str, str],
     findings: Findings,
 ) -> None:
-    """Whether the job takes them, over its own section and what it has from those of others."""
+    """Whether the job takes them."""
+    given = with_sections(raw, job, name, parameters)
+    try:
+        job.Config.model_validate_json(to_json(given), strict=True)
+    except ValidationError as exc:
+        findings.add_validation(place, given, job.Config, exc)
+
+
+def with_sections(
+    raw: Mapping[str, Any], job: Any, name: str, parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What a start of the job is given: ``parameters`` over its own section and what it has from those of
+    others, without the keys that every job has."""
     sections = _tables(raw.get("job"))
     inherited = {
         key: sections[other.name][key]
@@ -82,11 +94,7 @@ def _check_parameters(
         if key in sections.get(other.name, {})
     }
     given = {**inherited, **sections.get(name, {}), **parameters}
-    given = {key: value for key, value in given.items() if key not in ("tool", "procedure")}
-    try:
-        job.Config.model_validate_json(to_json(given), strict=True)
-    except ValidationError as exc:
-        findings.add_validation(place, given, job.Config, exc)
+    return {key: value for key, value in given.items() if key not in ("tool", "procedure")}
 
 
 def _tables(value: Any) -> dict[str, dict[str, Any]]:

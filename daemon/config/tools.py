@@ -47,6 +47,12 @@ def has_plain_tool(raw: Mapping[str, Any]) -> bool:
     return not _tables(raw, "tool") or isinstance(_table(raw, "robot").get("tool"), dict)
 
 
+def usual_name(raw: Mapping[str, Any]) -> str | None:
+    """The tool of a start that names none, nor its job: the plain one, or the only one; else None."""
+    known = known_tools(raw)
+    return known[0] if has_plain_tool(raw) or len(known) == 1 else None
+
+
 def check_tools(raw: Mapping[str, Any], findings: Findings) -> None:
     """Tools that cannot be told apart, and jobs that name a tool that there is not."""
     seen: dict[int, str] = {}

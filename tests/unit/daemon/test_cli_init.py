@@ -78,7 +78,7 @@ def test_what_must_be_taught_or_measured_is_not_invented_but_named(
     for pose in ("aux_xs", "aux_ys"):
         assert checked.err.count(f"'{pose}' in [poses]") == 1
     assert checked.err.count("[poses]") == 3, "each of the poses is named once"
-    assert "robot.payload_kg: is missing, so no job may move the arm" in checked.err
+    assert "robot.payload_kg: is missing, so cone-capture, laser-" in checked.err
     assert "robot.tool: is missing" in checked.err
     text = with_pose(path.read_text(), "aux_xs", [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], replace=False)
     path.write_text(text)

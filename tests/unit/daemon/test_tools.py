@@ -18,9 +18,9 @@ from daemon.cli.next_step import next_commands
 from daemon.cli.status_text import status_text
 from daemon.committed_registers import committed_registers
 from daemon.config import CellConfig, ConfigInvalid, load_config
-from daemon.config.checks import check_contradictions
 from daemon.config.findings import Findings
 from daemon.config.schema import init_text
+from daemon.config.untold_loads import check_loads
 from daemon.decisions import use_of
 from daemon.job_arguments import given_params
 from daemon.modbus.command import Command
@@ -151,19 +151,47 @@ def test_the_arm_is_not_moved_with_a_load_that_nobody_has_stated(tmp_path: Path)
     run_virtual(main())
 
 
+PLAIN, CAPTURE = "robot.payload_kg: is missing, so ", "cone-capture may not move the arm with tool "
+
+
 @pytest.mark.parametrize(
-    ("plain", "needle", "found"), [("", 0.4, False), ("", None, True), ("tool = {}", 0.4, True)]
+    ("plain", "needle", "job", "problem", "warning"),
+    [
+        ("", {"payload_kg": 0.4}, {}, "", ""),
+        ("", {}, {}, f"tool.needle.payload_kg: is missing, so {CAPTURE}'needle'", ""),
+        ("tool = {}", {"payload_kg": 0.4}, {}, f"{PLAIN}{CAPTURE}'flange'", ""),
+        ("tool = {}", {"payload_kg": 0.4}, {"tool": "needle"}, "", f"{PLAIN}no job may move the arm with"),
+        ("tool = {}", None, None, "", f"{PLAIN}no job may move the arm with tool 'flange'"),
+    ],
 )
-def test_check_names_a_load_that_is_missing_where_a_tool_needs_it(
-    plain: str, needle: float | None, found: bool
+def test_a_load_that_is_not_told_is_a_problem_of_the_jobs_that_move_the_arm_with_it(
+    plain: str, needle: dict[str, float] | None, job: dict[str, str] | None, problem: str, warning: str
 ) -> None:
     text = init_text().replace("payload_kg = 1.2", "")
     raw = tomllib.loads(re.sub(r"(?m)^tool = .*$", plain, text))
-    raw["tool"] = {"needle": {} if needle is None else {"payload_kg": needle}}
+    raw["tool"] = {} if needle is None else {"needle": needle}
+    raw["job"] = {} if job is None else {"cone-capture": {**raw["job"]["cone-capture"], **job}}
     findings = Findings("cell.toml")
-    check_contradictions(raw, findings)
-    assert [p for p in findings.problems if "robot.payload_kg: is missing" in p] == findings.problems
-    assert bool(findings.problems) is found
+    check_loads(raw, JOBS, {"arm": "arm"}, findings)
+    assert [problem in said for said in findings.problems] == ([True] if problem else [])
+    assert [warning in said for said in findings.warnings] == ([True] if warning else [])
+
+
+def test_a_job_that_moves_no_arm_wants_no_load_and_a_recipe_is_judged_by_its_own_tool() -> None:
+    raw = tomllib.loads(init_text().replace("payload_kg = 1.2", ""))
+    belt = {"source": "belt", "belt_z_m": 0.1}
+    capture = raw["job"].pop("cone-capture")
+    raw["job"] = {"latency-calibration": belt}
+    raw["tool"] = {"needle": {"payload_kg": 0.4}}
+    findings = Findings("cell.toml")
+    check_loads(raw, JOBS, {"arm": "arm"}, findings)
+    assert (findings.problems, len(findings.warnings)) == ([], 1)
+    capture["tool"] = "needle"
+    raw["recipe"] = {"with-gripper": {"job": "cone-capture", **capture, "tool": "gripper"}}
+    findings = Findings("cell.toml")
+    check_loads(raw, JOBS, {"arm": "arm"}, findings)
+    (said,) = findings.problems
+    assert "so with-gripper may not move the arm with tool 'gripper'" in said
 
 
 def test_a_tool_that_was_edited_under_its_version_bars_that_tool_alone(
