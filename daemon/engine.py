@@ -20,6 +20,7 @@ from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
 from daemon.controller_limits import told_by
 from daemon.deciding import Decisions
+from daemon.dry_run import dry_run
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
@@ -33,7 +34,7 @@ from daemon.run_timing import RunTiming
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
-from daemon.tools import ARGUMENT, CellTool, loaded_tool, told_tool
+from daemon.tools import ARGUMENT, CellTool, asked_tool, loaded_tool, told_tool
 from daemon.values import recorded, resolve_values, with_arm_model, with_limits
 from procedures.arm_setup import arm_models
 
@@ -90,7 +91,8 @@ class Engine:
     async def _start(self, request: StartRequest) -> dict[str, Any]:
         recipe = arguments_of_recipe(self.context.config, request)
         procedure = self._make_procedure(request.job, request.params, recipe)
-        tool = self._tool_of(procedure, request.params.get(ARGUMENT, recipe.get(ARGUMENT)))
+        asked = request.params.get(ARGUMENT, recipe.get(ARGUMENT))
+        tool = self._tool_of(procedure, asked, moves=not request.dry_run)
         devices = await self._devices_of(procedure, ASKED_BY_S)
         context = self.context
         if context.broker.latched is not None and not request.dry_run:
@@ -122,7 +124,7 @@ class Engine:
                 folder.run_id, procedure, context, folder.path, folder, values, self.publish, adopted, models
             )
             if request.dry_run:
-                return await self._dry_run(run, folder)
+                return await dry_run(run, folder)
             self._begin(run, request)
         except BaseException:
             if not request.dry_run:
@@ -136,9 +138,10 @@ class Engine:
         self.publish()
         return {"run_id": run.id, "folder": folder.path.name}
 
-    def _tool_of(self, procedure: Procedure, asked: str | None) -> CellTool | None:
-        """The tool that a start asks for; a job that moves the arm has to know what is on the flange."""
-        return loaded_tool(self.context.config, procedure.name, asked, "arm" in procedure.uses())
+    def _tool_of(self, procedure: Procedure, asked: str | None, moves: bool = True) -> CellTool | None:
+        """The tool that a start asks for; one that ``moves`` the arm has to know what is on the flange."""
+        chosen = loaded_tool if moves else asked_tool
+        return chosen(self.context.config, procedure.name, asked, "arm" in procedure.uses())
 
     async def _values_of(self, procedure: Procedure, tool: CellTool | None, recipe: str) -> RunValues:
         """The values that the job works with now; refused where they cannot be used."""
@@ -312,17 +315,6 @@ class Engine:
     def _identities(self, devices: list[str]) -> dict[str, Any]:
         entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
         return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
-
-    async def _dry_run(self, run: Run, folder: RunFolder) -> dict[str, Any]:
-        end: dict[str, Any] = {"outcome": "dry-run", "error": None}
-        try:
-            plan = await run.procedure.dry_run(run)
-            return {"run_id": run.id, "plan": {"kind": run.procedure.kind, **plan}}
-        except CellError as refusal:
-            end["error"] = refusal.as_dict()
-            raise
-        finally:
-            await asyncio.to_thread(folder.finish, end)
 
     async def _execute(self, run: Run, folder: RunFolder, devices: list[str]) -> None:
         """Run the procedure to whichever end, then write that end down once."""

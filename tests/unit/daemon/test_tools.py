@@ -25,6 +25,7 @@ from daemon.decisions import use_of
 from daemon.job_arguments import given_params
 from daemon.modbus.command import Command
 from daemon.plc import PlcFace
+from daemon.start_request import StartRequest
 from daemon.tool_references import without_reference
 from daemon.tools import asked_tool, loaded_tool, tools_of, usual_tool
 from daemon.values import resolve_values, tell_configured
@@ -147,6 +148,9 @@ def test_the_arm_is_not_moved_with_a_load_that_nobody_has_stated(tmp_path: Path)
             refusal = await refused(subject.start(params={"tool": "gripper"}))
             assert refusal.name == "CONFIG_INVALID"
             assert f"{config.source}: [robot] payload_kg is missing: weigh what is on the" in str(refusal)
+            request = StartRequest("laser-reference", {"tool": "gripper"}, "test", "test", dry_run=True)
+            planned = await subject.engine.start(request)
+            assert planned["plan"]["kind"] == "laser-reference", "a plan moves nothing"
 
     run_virtual(main())
 
