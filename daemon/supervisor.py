@@ -24,6 +24,7 @@ FIRST_BACK_OFF_S = 0.25
 LONGEST_BACK_OFF_S = 5.0
 BEAT_S = 0.5
 SETTLE_S = 0.02
+NO_SERIAL_S = 10.0  # a device that told no serial for so long was not silent by chance
 SOON_S = 3.0  # after a loss: who waits for a device that was silent for a moment waits for this
 
 
@@ -37,12 +38,11 @@ class ExpectedIdentity:
     def check(self, device: str, found: Identity) -> None:
         """Raise ``DEVICE_IDENTITY`` when the device is not the one that is meant.
 
-        One that tells no serial may have been silent when it was asked, so it is asked again:
+        One that tells no serial may have been silent when it was asked, so it is to be asked again:
         ``DEVICE_UNREACHABLE``.
         """
-        if not found.serial and (self.serial is not None or self.twin):
-            wanted = "a twin's" if self.serial is None else self.serial
-            raise error("DEVICE_UNREACHABLE", f"{device} told no serial, the config expects {wanted}")
+        if self.misses_serial(found):
+            raise error("DEVICE_UNREACHABLE", f"{device} told no serial, {self._wanted(device)}")
         if self.serial is not None and found.serial != self.serial:
             raise error(
                 "DEVICE_IDENTITY", f"{device} has serial {found.serial}, the config expects {self.serial}"
@@ -52,6 +52,26 @@ class ExpectedIdentity:
             raise error(
                 "DEVICE_IDENTITY", f"{device} is {kind} but the config says twin = {str(self.twin).lower()}"
             )
+
+    def misses_serial(self, found: Identity) -> bool:
+        """Whether a serial is needed that the device did not tell: it has none, or it was silent."""
+        return not found.serial and (self.serial is not None or self.twin)
+
+    def without_serial(self, device: str) -> CellError:
+        """Of a device that answers, and goes on telling none."""
+        return error("DEVICE_IDENTITY", f"{device} answers and tells no serial, {self._wanted(device)}")
+
+    def _wanted(self, device: str) -> str:
+        if self.serial is None:
+            return (
+                "and the config says twin = true, where each has one that begins with 9999; if this is real "
+                f"hardware, write twin = false; else say in [device.{device}] where the serial is, if its "
+                "driver has a key for it"
+            )
+        return (
+            f"the config expects {self.serial}; if it has none, take expect_serial out of [device.{device}], "
+            "or say there where the serial is, if its driver has a key for it"
+        )
 
 
 class SupervisedDevice:
@@ -65,6 +85,7 @@ class SupervisedDevice:
         self.lost_by: Exception | None = None  # since it was last ready
         self.losses = 0
         self.changed = asyncio.Event()
+        self._no_serial_since: float | None = None
         self._clock, self._beats = clock, beats
         self._task_name = f"device {device.name}"
 
@@ -99,11 +120,26 @@ class SupervisedDevice:
 
     async def _connect(self) -> Identity:
         async with asyncio.timeout(OPEN_TIMEOUT_S):
-            await self.device.open()
-            found = await self.device.identify()
-            self.expect.check(self.device.name, found)
+            try:
+                await self.device.open()
+                found = await self.device.identify()
+            except BaseException:
+                self._no_serial_since = None  # it is silent
+                raise
+            self._check_identity(found)
             await self._fresh()
         return found
+
+    def _check_identity(self, found: Identity) -> None:
+        """As :meth:`ExpectedIdentity.check`; ``DEVICE_IDENTITY`` for a device that answers at each connection
+        and tells no serial for ``NO_SERIAL_S``, too."""
+        if not self.expect.misses_serial(found):
+            self._no_serial_since = None
+        elif self._no_serial_since is None:
+            self._no_serial_since = self._clock.now()
+        elif self._clock.now() - self._no_serial_since > NO_SERIAL_S:
+            raise self.expect.without_serial(self.device.name)
+        self.expect.check(self.device.name, found)
 
     async def _fresh(self) -> None:
         """A first sample; a link that is lost again meanwhile is not waited for."""

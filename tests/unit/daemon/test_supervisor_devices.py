@@ -196,6 +196,41 @@ def test_a_device_that_was_silent_when_it_was_asked_for_its_serial_is_asked_agai
     run_virtual(main())
 
 
+@pytest.mark.parametrize(
+    ("expected", "remedy"), [("9999001", "take expect_serial out of [device.gadget]"), (None, "twin = false")]
+)
+def test_a_device_that_answers_and_goes_on_telling_no_serial_is_refused_with_what_to_change(
+    expected: str | None, remedy: str, lines: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        async with supervised(ExpectedIdentity(True, expected), serial="") as bench:
+            await asyncio.sleep(5.0)
+            assert bench.entry.state is DeviceState.RETRYING, "it may have been silent"
+            await bench.until(DeviceState.FAULTED)
+            lasting = bench.entry.lasting
+            assert isinstance(lasting, CellError)
+            assert (lasting.name, remedy in lasting.detail) == ("DEVICE_IDENTITY", True)
+            assert len(lines.records) == 2, "once as silent, once as refused"
+            bench.gadget.serial = "9999001"
+            await bench.until(DeviceState.READY)
+
+    run_virtual(main())
+
+
+def test_a_silence_between_two_answers_without_a_serial_starts_the_wait_for_it_anew() -> None:
+    async def main() -> None:
+        async with supervised(ExpectedIdentity(True), serial="") as bench:
+            for _ in range(3):
+                await asyncio.sleep(7.0)
+                bench.gadget.broken = error("DEVICE_UNREACHABLE", "gadget")
+                await asyncio.sleep(7.0)
+                bench.gadget.broken = None
+            assert bench.entry.state is DeviceState.RETRYING
+            assert bench.entry.lasting is None, "a run may wait for it"
+
+    run_virtual(main())
+
+
 def test_another_device_in_the_place_of_the_lost_one_is_said_and_the_right_one_recovers(
     lines: pytest.LogCaptureFixture,
 ) -> None:
