@@ -1,5 +1,6 @@
 """What a result was made from: data, versions, identities, calibrations, payload."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from procedures.report.html import Html, absent, bullets, el, section, table
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source
 
+POSE = 6  # numbers of one: m, and a rotation vector in rad
 _ELSEWHERE = ("sampling", "trend")  # sections of their own show these
 
 
@@ -39,7 +41,7 @@ def inputs_section(source: Source[Any]) -> Html:
     rows += _rows(("calibrations in effect", _versions(values)))
     shown = {"solve_seconds": _seconds, "arm_model": in_words, "steps_taken_again": _taken_again}
     rows += [
-        (key.replace("_", " "), shown.get(key, _plain)(value))
+        (key.replace("_", " "), shown[key](value) if key in shown else _plain(value, key))
         for key, value in inputs.items()
         if key not in _ELSEWHERE
     ]
@@ -72,12 +74,22 @@ def _rows(*pairs: tuple[str, Any]) -> list[tuple[object, object]]:
     return [(name, value) for name, value in pairs if value not in (None, "", DASH)]
 
 
-def _plain(value: Any) -> object:
+def _plain(value: Any, name: str = "") -> object:
+    """As a person reads it; a pose, by its name, in mm and degrees as everywhere in a report."""
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return ", ".join(f"{k} {_plain(v)}" for k, v in value.items()) or "none"
-    return to_json(value) if isinstance(value, list) else str(value)
+        return ", ".join(f"{k} {_plain(v, str(k))}" for k, v in value.items()) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if not isinstance(value, list):
+        return str(value)
+    if name.startswith("T_") and len(value) == POSE and all(number(v) is not None for v in value):
+        place = " ".join(f"{1e3 * v:.3f}" for v in value[:3])
+        return f"({place} mm, rotation vector {' '.join(f'{math.degrees(v):.4f}' for v in value[3:])} deg)"
+    return f"[{', '.join(str(_plain(v)) for v in value)}]"
 
 
 def _seconds(value: Any) -> str:

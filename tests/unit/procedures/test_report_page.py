@@ -129,6 +129,7 @@ def make_run(tmp_path: Path, data: Path, result: dict[str, Any]) -> Path:
         "job_config": {"accept": {"max_error_t_m": 0.0005, "max_error_r_rad": 0.0005, "auto": False}},
         "values": {
             "payload_kg": 1.2,
+            "tool": {"name": "pin", "T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.1], "radius_m": 0.02},
             "calibration": {"eye-in-hand": {"X": to_pose6(X_OLD).tolist()}},
             "configured": {"T_flange_camera": to_pose6(X_OLD).tolist()},
             "versions": {"T_flange_camera": 3},
@@ -240,6 +241,7 @@ def test_inputs_name_cell_device_and_payload(subject: Page) -> None:
         "bay-3",
         "serial 99991100001",
         "1.2 kg",
+        "T_flange_tool (0.000 0.000 180.000 mm, rotation vector 0.0000 0.0000 5.7296 deg)",
         "T_flange_camera version 3",
         "simulated cell",
         SOFTWARE,
