@@ -44,8 +44,8 @@ class PlayedEngine:
 
     def status(self) -> dict[str, Any]:
         return {
-            "cell": self._cell, "twin": True, "packml": "EXECUTE", "job": "cone-capture", "run_id": 7,
-            "state": "capture", "step": self.step, "steps": 60, "latched": False, "prompt": None,
+            "cell": self._cell, "twin": True, "packml": "EXECUTE", "job": "cone-capture", "tool": None,
+            "run_id": 7, "state": "capture", "step": self.step, "steps": 60, "latched": False, "prompt": None,
             "error": None, "waiting": [], "devices": {f"device{i}": {"state": "READY"} for i in range(10)},
         }  # fmt: skip
 

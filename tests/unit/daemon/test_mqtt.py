@@ -18,10 +18,11 @@ import aiomqtt
 import pytest
 from pydantic import ValidationError
 
+from bench.plant import PlayedEngine
 from cell.clock import MonotonicClock
 from cell.store.runs import RunFolder, load_run
 from daemon.config.mqtt_section import MqttSection
-from daemon.mqtt.messages import run_message
+from daemon.mqtt.messages import run_message, state_message
 from daemon.mqtt.outbox import FILE, Outbox
 from daemon.mqtt.publisher import Publisher
 
@@ -333,3 +334,7 @@ def test_a_run_tells_the_recipe_and_the_tool_that_it_worked_with(tmp_path: Path)
     run.close()
     told = run_message(run, {"outcome": "stopped"})
     assert (told["job"], told["recipe"], told["tool"]) == ("laser-check", "left-bay", "needle")
+
+
+def test_the_bench_of_a_plant_plays_all_that_a_cell_tells() -> None:
+    assert state_message(PlayedEngine("bay-1").status())["job"] == "cone-capture"
