@@ -289,6 +289,24 @@ class ModbusSection(Section):
     idle_timeout_s: float = Field(
         default=60.0, ge=1.0, le=3600.0, description="a connection without a request for so long is closed"
     )
+    tls_cert: Annotated[str, AfterValidator(absolute)] | None = Field(
+        default=None,
+        description="our certificate (PEM); with it every connection is TLS, usually on port 802",
+    )
+    tls_key: Annotated[str, AfterValidator(absolute)] | None = Field(
+        default=None, description="its key (PEM), readable by the daemon alone"
+    )
+    tls_clients_ca: Annotated[str, AfterValidator(absolute)] | None = Field(
+        default=None,
+        description="certificates (PEM) that sign those of the clients; a client without one is refused",
+    )
+
+    @model_validator(mode="after")
+    def _tls_is_mutual(self) -> Self:
+        given = (self.tls_cert, self.tls_key, self.tls_clients_ca)
+        if None in given and any(given):
+            raise ValueError("tls_cert, tls_key and tls_clients_ca belong together: give all or none")
+        return self
 
 
 Role = Literal["viewer", "operator", "integrator"]

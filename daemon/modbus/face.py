@@ -23,6 +23,7 @@ from daemon.modbus.command import (
 from daemon.modbus.pdu import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusError
 from daemon.modbus.server import ModbusServer
 from daemon.modbus.table import RegisterTable, register_table
+from daemon.modbus.tls import tls_context
 from daemon.plc_heartbeat import PlcHeartbeat
 
 log = logging.getLogger("cellward.modbus")
@@ -82,7 +83,14 @@ class ModbusFace:
         self._cached: tuple[float, Mapping[str, Any]] | None = None
         host, port = split_bind(config.bind)
         self._server = ModbusServer(
-            self, clock, host, port, config.max_connections, config.idle_timeout_s, self._may_write
+            self,
+            clock,
+            host,
+            port,
+            config.max_connections,
+            config.idle_timeout_s,
+            self._may_write,
+            tls_context(config),
         )
         self._watch: asyncio.Task[None] | None = None
 

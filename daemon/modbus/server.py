@@ -9,6 +9,7 @@ is kept for them, and the rate at which strangers are accepted is limited.
 
 import asyncio
 import logging
+import ssl
 import struct
 from collections.abc import Callable
 from contextlib import suppress
@@ -47,7 +48,8 @@ class ModbusServer:
     """Serves ``bank`` to any unit id.
 
     ``listed(client)`` says who may write. When there is no place left, the connection silent longest is
-    closed, a stranger's before a listed client's; a stranger takes only a stranger's place.
+    closed, a stranger's before a listed client's; a stranger takes only a stranger's place. With ``tls`` no
+    connection is in plain text.
     """
 
     def __init__(
@@ -59,9 +61,10 @@ class ModbusServer:
         max_connections: int,
         idle_timeout_s: float,
         listed: Callable[[str], bool] = lambda client: True,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         self._bank, self._clock, self._listed = bank, clock, listed
-        self._host, self._port = host, port
+        self._host, self._port, self._tls = host, port, tls
         self._max, self._idle_s = max_connections, idle_timeout_s
         self._server: asyncio.Server | None = None
         self._connections: dict[asyncio.Task[None], _Connection] = {}
@@ -81,7 +84,13 @@ class ModbusServer:
     async def start(self) -> None:
         """Listen; ``ADDRESS_NOT_SERVED`` when the address is taken or not ours."""
         try:
-            self._server = await asyncio.start_server(self._serve, self._host, self._port)
+            self._server = await asyncio.start_server(
+                self._serve,
+                self._host,
+                self._port,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else FRAME_TIMEOUT_S,
+            )
         except OSError as exc:
             where = f"[modbus] bind {self._host}:{self._port}"
             raise error("ADDRESS_NOT_SERVED", f"{where}: {exc.strerror or exc}") from exc
