@@ -25,7 +25,8 @@ class RunValues:
     By name in the ledger: ``configured`` has the configured value, ``versions`` the version in effect, and
     ``made_with`` the model of the arm that this version was made with, and ``uncertainty`` what the result
     that it comes from states: of a camera the covariance ``cov`` and its ``budget``, the accuracy of the
-    ``arm``, the ``lens``, and the ``target`` with its printed size ``target_scale``.
+    ``arm``, the ``lens``, and the ``target`` with its printed size ``target_scale``; of a belt
+    ``m_per_count_95`` and ``dir_95_rad``.
     """
 
     robot: Mapping[str, Any]

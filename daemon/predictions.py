@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
@@ -11,11 +11,14 @@ from daemon.config import CellConfig
 from daemon.config.recipes import Recipe
 from daemon.job_config import make_procedure
 from daemon.tools import ARGUMENT, CellTool, tools_of, usual_tool
-from daemon.values import configured_values
+from daemon.values import configured_values, stated
 from procedures.documents import kind_named
 from procedures.kind import load
 from procedures.registry import JOBS
 from procedures.setup import Setup
+
+if TYPE_CHECKING:
+    from cell.store.ledger import Ledger
 
 NOMINAL = ("T_flange_camera_nominal", "T_base_camera_nominal", "T_flange_target_nominal")
 
@@ -108,6 +111,7 @@ def setup_of(
         {key: getattr(config.robot, key) for key in NOMINAL},
         list((_sections(config) if sections is None else sections).values()),
         lambda: ledger_rows(config),
+        lambda name: _stated_now(config, name),
     )
 
 
@@ -124,15 +128,31 @@ def _sections(config: CellConfig, recipe: Recipe | None = None) -> dict[str, Bas
     return found
 
 
+def _stated_now(config: CellConfig, name: str) -> dict[str, Any]:
+    """What the version of ``name`` in effect states of its uncertainty; nothing while there is none."""
+    ledger = _ledger_of(config)
+    if ledger is None:
+        return {}
+    try:
+        return stated((ledger.in_effect(name) or {}).get("result"))
+    finally:
+        ledger.close()
+
+
 def ledger_rows(config: CellConfig) -> list[dict[str, Any]]:
     """What the cell's ledger has of calibrations, newest first; nothing while there is no ledger."""
-    from cell.store.ledger import Ledger
-
-    path = Path(config.cell.state_dir) / "ledger.sqlite"
-    if not path.exists():
+    ledger = _ledger_of(config)
+    if ledger is None:
         return []
-    ledger = Ledger(path, read_only=True)
     try:
         return ledger.results(limit=1000)
     finally:
         ledger.close()
+
+
+def _ledger_of(config: CellConfig) -> "Ledger | None":
+    """To be closed by whoever asks; None while there is none."""
+    from cell.store.ledger import Ledger
+
+    path = Path(config.cell.state_dir) / "ledger.sqlite"
+    return Ledger(path, read_only=True) if path.exists() else None

@@ -116,21 +116,23 @@ class _InEffect:
         if found.version is not None:
             self.versions[name] = found.version
             self.made_with[name] = found.arm_model or dict(CONTROLLER)
-            if stated := _stated(found.result):
-                self.uncertainty[name] = stated
+            if known := stated(found.result):
+                self.uncertainty[name] = known
         return found.value
 
 
-def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
+def stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the result of a version says of its uncertainty, the lens that belongs to it, without an
-    adjustment the one that was estimated before, and the target, with the printed size that was found."""
+    adjustment the one that was estimated before, and the target, with the printed size that was found; of a
+    belt the intervals of scale and direction."""
     answer, inputs = ((result or {}).get(part) or {} for part in ("result", "inputs"))
     answer = {
         **answer,
         "lens": answer.get("lens") or answer.get("intrinsics"),
         "target": inputs.get("target"),
     }
-    keys = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
+    of_poses = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
+    keys = (*of_poses, "m_per_count_95", "dir_95_rad")
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 

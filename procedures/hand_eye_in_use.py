@@ -49,12 +49,12 @@ def found_size(values: RunValues, name: str, target: str) -> Mapping[str, float]
     return stated.get("target_scale") if alike == [target] else None
 
 
-def arm_rms_m(values: RunValues) -> float | None:
+def arm_rms_m(values: RunValues, name: str = HAND_EYE) -> float | None:
     """RMS error (m) of the arm by the model in use: as the calibration of its kinematics left it, or as the
-    capture of the hand-eye found it; None where neither says."""
+    capture of the camera's pose ``name`` found it; None where neither says."""
     if in_use(values) is not None:
         found = values.kinematics["arm"] or {}
         rms = found.get("rms_calibrated")
     else:
-        rms = values.uncertainty[HAND_EYE].get("arm", {}).get("configured", {}).get("t")
+        rms = values.uncertainty.get(name, {}).get("arm", {}).get("configured", {}).get("t")
     return None if rms is None else float(rms)

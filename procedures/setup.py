@@ -18,7 +18,8 @@ class Setup:
     ``roles``: role -> device; ``devices``: device -> its section, as its driver defines it. ``values``: arm,
     tool, payload, limits, poses, targets and the nominal belt. ``nominal``: poses of cameras and target from
     the drawing, (6,) m and rad, by the key of ``[robot]``. ``jobs``: the sections of all configured jobs.
-    ``calibrations``: what the ledger has, newest first; a ``CellError`` when it cannot be read.
+    ``calibrations``: what the ledger has, newest first; a ``CellError`` when it cannot be read. ``stated``:
+    by name, what the result in effect states of its uncertainty, as ``RunValues.uncertainty``; likewise.
     """
 
     roles: Mapping[str, str]
@@ -27,6 +28,7 @@ class Setup:
     nominal: Mapping[str, Sequence[float] | None]
     jobs: Sequence[BaseModel]
     calibrations: Callable[[], list[dict[str, Any]]]
+    stated: Callable[[str], Mapping[str, Any]] = lambda name: {}
 
     @property
     def poses(self) -> Mapping[str, Sequence[float]]:

@@ -25,20 +25,29 @@ _MANY = 5  # sightings of one item that show which of them lies far
 @dataclass(frozen=True)
 class Sighting:
     """One detection: ``xy`` (m, base) at ``t`` (s); ``late`` is its arrival minus exposure where both are
-    known, ``sure`` whether the exposure is, else ``t`` was derived from the mean latency."""
+    known, ``sure`` whether the exposure is, else ``t`` was derived from the mean latency. ``sigma`` (m, along
+    the worse axis) is what the detector states of this one; 0: it states nothing."""
 
     xy: tuple[float, float]
     t: float
     arrived: float
     sure: bool
+    sigma: float = 0.0
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Standard deviations: of a sighting (m, per axis) and of a derived exposure (s)."""
+    """Standard deviations: of a sighting (m, per axis) and of a derived exposure (s).
+
+    Of the variance that the detector states: ``scattered``, the share by which the sightings of one item
+    truly scatter along the belt, and ``shared``, the share that all of them may have alike, as it does not
+    scatter.
+    """
 
     camera: float
     latency: float
+    scattered: float = 1.0
+    shared: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,9 @@ class BeltPlace:
     """An item on the belt: ``along`` and ``across`` (m) where travel is zero; variances of both (m^2).
 
     ``at`` is the exposure from which its travel is counted for the uncertainty (that of the newest
-    sighting in use), ``used`` which sightings it was made of.
+    sighting in use), ``used`` which sightings it was made of. ``var_shared`` (m^2) is in both variances: what
+    the detector states beyond the scatter of an item's sightings may be wrong with all of them alike, and
+    does not get less with their number.
     """
 
     along: float
@@ -55,6 +66,7 @@ class BeltPlace:
     var_across: float
     at: float
     used: NDArray[np.bool_]
+    var_shared: float = 0.0
 
 
 def latency_sigma(sightings: Iterable[Sighting]) -> float:
@@ -97,6 +109,21 @@ def camera_sigma(items: Iterable[Scatter | None]) -> float:
     return max(noise * _of_few(float(weights[keep].sum())), _SMALLEST)
 
 
+def scattered(items: Iterable[Scatter | None]) -> tuple[float, float]:
+    """:attr:`Levels.scattered` and :attr:`Levels.shared`, of ``items`` with variances as shares of what was
+    stated. Both are all of it where too few tell.
+
+    A scatter that is too small by chance would show as shared: it counts by a standard deviation more.
+    """
+    many = [item for item in items if item is not None]
+    if sum(item.degrees for item in many) < _FEWEST:
+        return 1.0, 1.0
+    parts, weights = np.array([item.variance for item in many]), np.array([item.degrees for item in many])
+    keep = parts <= 9.0 * float(np.median(parts)) / 0.6
+    share, degrees = float(np.average(parts[keep], weights=weights[keep])), float(weights[keep].sum())
+    return share * _of_few(degrees) ** 2, max(1.0 - share * (1.0 + float(np.sqrt(2.0 / degrees))), 0.0)
+
+
 def _of_few(degrees: float) -> float:
     """By what to multiply a deviation that so many degrees of freedom tell: what is divided by it then has a
     mean square of one. With two there is no such mean."""
@@ -114,17 +141,26 @@ def facing(yaws: Sequence[float]) -> float:
     return float(axes[np.argmin(off.sum(axis=1))])
 
 
+def camera_variance(stated: Array, levels: Levels) -> Array:
+    """(k,) m^2 along the belt of single sightings with ``stated`` (k,) m: as the detector has it, made as
+    large as sightings truly scatter, and no less than they do across the belt."""
+    return np.asarray(np.maximum(levels.scattered * stated**2, levels.camera**2))
+
+
 def place(
     along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels
 ) -> BeltPlace:
     """One item from its sightings: ``along`` and ``across`` (k,) in the belt's frame (travel taken off).
 
     ``speed`` (k,) is the belt's at each exposure: a derived exposure is uncertain by speed times latency.
+    What the detector states counts along the belt, where items smear; across it the scatter of all tells.
     Of three or more sightings, one that lies far from the middle of them is left out.
     """
     sure = np.array([s.sure for s in sightings])
+    stated = np.array([s.sigma for s in sightings])
     var_across = np.full(len(along), levels.camera**2)
-    var_along = levels.camera**2 + np.where(sure, 0.0, (np.asarray(speed) * levels.latency) ** 2)
+    var_camera = camera_variance(stated, levels)
+    var_along = var_camera + np.where(sure, 0.0, (np.asarray(speed) * levels.latency) ** 2)
     used = np.ones(len(along), dtype=bool)
     if len(along) >= 3:
         for values, variance in ((along, var_along), (across, var_across)):
@@ -134,11 +170,13 @@ def place(
             used[:] = True
     w = 1.0 / var_along[used]
     newest = max(s.t for s, u in zip(sightings, used, strict=True) if u)
+    shared = levels.shared * float(np.mean(stated[used] ** 2))
     return BeltPlace(
         along=float(np.sum(w * along[used]) / np.sum(w)),
         across=float(np.mean(across[used])),
-        var_along=float(1.0 / np.sum(w)),
-        var_across=float(levels.camera**2 / used.sum()),
+        var_along=float(1.0 / np.sum(w)) + shared,
+        var_across=float(levels.camera**2 / used.sum()) + shared,
         at=newest,
         used=used,
+        var_shared=shared,
     )

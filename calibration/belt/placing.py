@@ -30,6 +30,14 @@ def off_by_camera(points: Array, T_base_camera: RigidTransform, lens: Intrinsics
     return out
 
 
+def left_open(points: Array, T_base_camera: RigidTransform, lens: Intrinsics, cov: Array) -> Array:
+    """(2, 2) m^2 of x, y of an item that was seen at ``points`` (n, 3) m: what pose and lens of the camera,
+    with ``cov`` (14, 14), leave open, for all items alike."""
+    by = off_by_camera(points, T_base_camera, lens).mean(axis=0)
+    out: Array = by @ cov @ by.T
+    return out
+
+
 def camera_cov(cov: Array, with_lens: Array | None, told: LensPrior | None) -> Array:
     """(14, 14) of pose and lens, from the pose's ``cov`` (6, 6), and that of both, ``with_lens``, if known.
 

@@ -20,6 +20,7 @@ from calibration.belt.items import (
     latency_sigma,
     place,
     scatter,
+    scattered,
 )
 from calibration.belt.meeting import Zone, meeting_time
 from calibration.belt.slip import Slip
@@ -150,6 +151,9 @@ class BeltTracker:
         self._levels: Levels | None = None
         self._scatter: dict[str, Scatter | None] = {}  # of the items, as far as they were not seen since
         self._gone: deque[Scatter | None] = deque(maxlen=_GONE)
+        # The same along the belt, as shares of the variance that the detector stated.
+        self._of_stated: dict[str, Scatter | None] = {}
+        self._gone_of_stated: deque[Scatter | None] = deque(maxlen=_GONE)
         self._slips: list[Slip] = []
         self._all: deque[Sighting] = deque(maxlen=_SIGHTINGS)
 
@@ -158,6 +162,7 @@ class BeltTracker:
         self._items.setdefault(item, deque(maxlen=NEWEST)).append((sighting, z))
         self._all.append(sighting)
         self._scatter.pop(item, None)
+        self._of_stated.pop(item, None)
         self._levels = None
 
     def slipped(self, slip: Slip) -> None:
@@ -181,6 +186,7 @@ class BeltTracker:
         """Answer no more about an item that is gone; what it showed of the noise is kept for a while."""
         if item in self._items:
             self._gone.append(self._scatter_of(item))
+            self._gone_of_stated.append(self._of_stated.pop(item, None))
             del self._items[item]
             self._scatter.pop(item, None)
             self._levels = None
@@ -198,7 +204,7 @@ class BeltTracker:
         along, across, level = self._in_belt(sightings, [z for _, z in seen], forecast)
         # Where the exposure is known, the belt's speed does not matter.
         speed = np.array([0.0 if s.sure else _speed(forecast, s.t) for s in sightings])
-        found = place(along, across, sightings, speed, self.levels())
+        found = place(along, across, sightings, speed, self.levels(forecast))
         if self._slips:
             doubt = sum(slip.sigma**2 for slip in self._slips if slip.t > found.at)
             found = replace(found, var_along=found.var_along + doubt)
@@ -208,12 +214,29 @@ class BeltTracker:
             self.direction, forecast, found, height, tuple(sightings), np.stack([along, across], 1)
         )
 
-    def levels(self) -> Levels:
+    def levels(self, forecast: TravelForecast | None = None) -> Levels:
         """The noise of sightings, as those that have arrived show it."""
         if self._levels is None:
             known = [*self._gone, *map(self._scatter_of, self._items)]
-            self._levels = Levels(camera_sigma(known), latency_sigma(self._all))
+            forecast = forecast or self.belt.forecast()
+            shares = [*self._gone_of_stated]
+            if forecast is not None:
+                shares += [self._scatter_of_stated(item, forecast) for item in self._items]
+            self._levels = Levels(camera_sigma(known), latency_sigma(self._all), *scattered(shares))
         return self._levels
+
+    def _scatter_of_stated(self, item: str, forecast: TravelForecast) -> Scatter | None:
+        if item not in self._of_stated:
+            seen = [(s, z) for s, z in self._items[item] if s.sure and s.sigma > 0.0]
+            found = None
+            if len(seen) > 1:
+                sightings = [s for s, _ in seen]
+                along, _, _ = self._in_belt(sightings, [z for _, z in seen], forecast)
+                found = scatter(along)
+                stated = float(np.mean([s.sigma**2 for s in sightings]))
+                found = found and Scatter(found.variance / stated, found.degrees)
+            self._of_stated[item] = found
+        return self._of_stated[item]
 
     def _scatter_of(self, item: str) -> Scatter | None:
         if item not in self._scatter:

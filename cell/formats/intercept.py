@@ -96,13 +96,15 @@ class PickingArm(Strict):
 
 
 class Detection(Strict):
-    """One sighting: exposed at ``t_exp`` (null: unknown), arrived at ``t_recv``; base, m."""
+    """One sighting: exposed at ``t_exp`` (null: unknown), arrived at ``t_recv``; base, m. ``sigma`` is what
+    the detector states of its place, along the worse axis; null: nothing."""
 
     id: Id
     t_recv: Stamp
     t_exp: Stamp | None = None
     xy: Annotated[list[Length], Field(min_length=2, max_length=2)]
     z: Length = 0.0
+    sigma: Annotated[float, Field(ge=0)] | None = None
     notes: Any = None
 
 

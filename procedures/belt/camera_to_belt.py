@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.adjustment.lens_terms import lens_prior
-from calibration.belt.placing import camera_cov
+from calibration.belt.placing import camera_cov, left_open
 from cell.devices import Intrinsics, ItemView
 from cell.errors import error
 from cell.poses import Array, from_pose6, to_pose6
@@ -22,10 +22,12 @@ NAME = "T_base_camera"
 
 @dataclass(frozen=True)
 class SeenItem:
-    """One item in one frame: its grasp point (3,) in the base, and the yaw of its longer side, rad."""
+    """One item in one frame: its grasp point (3,) in the base, the yaw of its longer side, rad, and what the
+    detector states of the point, m, along the worse axis."""
 
     point: Array
     yaw: float
+    sigma_m: float
 
 
 class CameraToBelt:
@@ -44,6 +46,8 @@ class CameraToBelt:
         require_same_model(values, NAME)
         self.T_base_camera: RigidTransform = from_pose6(known)
         self._values, self._z_m, self._look = values, belt_z_m, look
+        #: As the camera told itself, once it has shown an item.
+        self.told: Intrinsics | None = None
 
     def spec(self) -> dict[str, Any]:
         """What the camera's item detector has to know."""
@@ -65,22 +69,39 @@ class CameraToBelt:
     def _stated(self) -> Mapping[str, Any]:
         return self._values.uncertainty.get(NAME, {})
 
+    @property
+    def _told_sigma(self) -> dict[str, Any] | None:
+        given = self._look.camera_sigma
+        return None if given is None else given.model_dump(exclude_none=True)
+
     def camera(self, told: Intrinsics) -> dict[str, Any]:
         """For a data set: the pose, the lens as ``told``, the ``lens`` that items are placed with (None: the
         one that is told), and ``cov`` (14, 14) of pose and lens, None where it is not known."""
-        lens, stated, given = solved_lens(self._values, NAME, told), self._stated, self._look.camera_sigma
-        sigma = None if given is None else given.model_dump(exclude_none=True)
-        prior = None if lens is not None else lens_prior(sigma)
-        cov = None
-        # Beside a lens that was estimated without an adjustment the covariance takes the arm as exact.
-        if "cov" in stated and (lens is None or "budget" in stated):
-            cov = camera_cov(stated["cov"], stated.get("lens_cov"), prior)
+        lens = solved_lens(self._values, NAME, told)
+        cov = self._cov(lens)
         return {
             "T_base_camera": to_pose6(self.T_base_camera).tolist(),
-            "told": {**asdict(told), "sigma": sigma},
+            "told": {**asdict(told), "sigma": self._told_sigma},
             "lens": None if lens is None else asdict(lens),
             "cov": None if cov is None else np.asarray(cov).tolist(),
         }
+
+    def _cov(self, lens: Intrinsics | None) -> Array | None:
+        stated = self._stated
+        # Beside a lens that was estimated without an adjustment the covariance takes the arm as exact.
+        if "cov" not in stated or (lens is not None and "budget" not in stated):
+            return None
+        prior = None if lens is not None else lens_prior(self._told_sigma)
+        return np.asarray(camera_cov(stated["cov"], stated.get("lens_cov"), prior))
+
+    def left_open(self, points: Array) -> Array | None:
+        """(2, 2) m^2 of x, y of an item that was seen at ``points`` (n, 3) m in the base, by pose and lens;
+        None where they are not known, or nothing was seen yet."""
+        if self.told is None:
+            return None
+        lens = solved_lens(self._values, NAME, self.told)
+        cov = self._cov(lens)
+        return None if cov is None else left_open(points, self.T_base_camera, lens or self.told, cov)
 
     def seen(self, views: Sequence[ItemView]) -> list[SeenItem]:
         """``views`` in the base, all at once: a picture of a full belt must not hold the stream."""
@@ -89,4 +110,7 @@ class CameraToBelt:
         points = self.T_base_camera.apply([view.point for view in views])
         axes = self.T_base_camera.rotation.apply([view.axis for view in views])
         yaws = np.arctan2(axes[:, 1], axes[:, 0])
-        return [SeenItem(point, float(yaw)) for point, yaw in zip(points, yaws, strict=True)]
+        return [
+            SeenItem(point, float(yaw), view.sigma_m)
+            for point, yaw, view in zip(points, yaws, views, strict=True)
+        ]

@@ -10,6 +10,7 @@ from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import believed_arm, with_job_limits
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.contact_expectation import expected_contacts
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, ZoneTimes, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup, needs_depth
@@ -52,15 +53,22 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     problems = expectation.unreachable(guard)
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
+    contacts = expected_contacts(setup, job)
     expected, times = [expectation.at_speed(v) for v in SPEEDS_M_S], expectation.zone_times()
     return {
-        "text": f"{_words(expected)}; {_zone_words(times)}; {slide}; it needs a calibrated camera above the "
-        "belt when it starts",
+        "text": f"{_words(expected)}; {_zone_words(times)}; {slide}; {contacts['text']}; it needs a "
+        "calibrated camera above the belt when it starts",
         "zone": times.as_dict(),
         "speeds": [row.as_dict() for row in expected],
+        "contacts": contacts["contacts"],
         "slides": [{"speed_m_s": v, "slide_m": slide} for v, slide in slides(job.dwell_s)],
         "problems": [],
-        "cautions": [*mistaken, *_cautions(job, expectation, expected), *_zone_cautions(job, times)],
+        "cautions": [
+            *mistaken,
+            *_cautions(job, expectation, expected),
+            *_zone_cautions(job, times),
+            *contacts["cautions"],
+        ],
     }
 
 

@@ -103,6 +103,10 @@ class BeltWatch:
             self._tracks[item.number] = self.tracker.track(item.key, self.forecast)
         return self._tracks[item.number]
 
+    def seen_at(self, item: Item) -> Array:
+        """Where ``item`` was seen (k, 3), m in the base."""
+        return np.array([[*sighting.xy, z] for sighting, z in self.tracker.sightings(item.key)])
+
     def along_zone(self, item: Item) -> float:
         """Where ``item`` is now, dot(p, dir) in the base, m; from its place on the belt alone."""
         forecast = self.forecast
@@ -235,11 +239,16 @@ class BeltWatch:
             self._over.append(self._ended(new.pop(), Outcome.QUEUE_FULL, now))
         for item, seen, t in zip(items, sightings, times, strict=True):
             if item.outcome is None:
-                sighting = as_sighting(seen.point, t, now)
+                sighting = as_sighting(seen.point, t, now, seen.sigma_m)
                 self.tracker.see(item.key, sighting, float(seen.point[2]))
+        if items:
+            self._camera_to_belt.told = frame.intrinsics
         if items and self.record is not None:
             self.record.camera = self.record.camera or self._camera_to_belt.camera(frame.intrinsics)
-            rows = [(item.number, seen.point, seen.yaw) for item, seen in zip(items, sightings, strict=True)]
+            rows = [
+                (item.number, seen.point, seen.yaw, seen.sigma_m)
+                for item, seen in zip(items, sightings, strict=True)
+            ]
             for t in sorted(set(times)):  # one of a global shutter, one for each row of a rolling one
                 here = [row for row, at in zip(rows, times, strict=True) if at == t]
                 self.record.saw(t, frame.seq, here)

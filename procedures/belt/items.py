@@ -1,7 +1,7 @@
 """The items on their way: seen, waiting to be picked, and what became of each."""
 
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -40,6 +40,7 @@ class Item:
     history: list[tuple[float, str]] = field(default_factory=list)
     turn: float = 0.0  # rad, of the tool that is along its longer side
     refused_until: float = 0.0  # s: out of reach when it was last tried
+    contact: Mapping[str, Any] = field(default_factory=dict)  # how far off it may have been, m
 
     @property
     def key(self) -> str:
@@ -141,11 +142,13 @@ class Queue:
         }
 
 
-def as_sighting(point: Array, t: float, arrived: float) -> Sighting:
-    """A sighting of the tracker from a grasp point (3,) in the base, exposed at ``t``."""
-    return Sighting((float(point[0]), float(point[1])), t, arrived, True)
+def as_sighting(point: Array, t: float, arrived: float, sigma_m: float) -> Sighting:
+    """A sighting of the tracker from a grasp point (3,) in the base, exposed at ``t``; ``sigma_m`` as the
+    detector states it."""
+    return Sighting((float(point[0]), float(point[1])), t, arrived, True, sigma_m)
 
 
 def life(item: Item) -> dict[str, Any]:
     """An item's life as plain values, for journal and ledger."""
-    return {"sightings": item.sightings, "history": [[round(t, 4), what] for t, what in item.history]}
+    history = [[round(t, 4), what] for t, what in item.history]
+    return {"sightings": item.sightings, "history": history, **item.contact}

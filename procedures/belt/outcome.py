@@ -3,6 +3,7 @@
 from cell.formats.result import Empty, Warning_
 from cell.run_values import RunValues
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.contact_uncertainty import shares
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
@@ -20,6 +21,7 @@ from procedures.belt.result import (
     Slip,
 )
 from procedures.belt.stamp_delays import camera_delay_95_s, delay_warnings
+from procedures.words import mm
 
 
 def result_of(
@@ -59,6 +61,13 @@ def result_of(
     if off_m > config.following_limit_m:
         text = f"an item was {1e3 * off_m:.1f} mm beside the tool at contact, as later counts show"
         warnings.append(Warning_(code="belt.contact-off", text=text))
+    stated = following.contacts.together
+    if stated is not None and stated.r95_m > config.following_limit_m:
+        text = (
+            f"contacts may be off by {mm(stated.r95_m)} (95 %), mostly by {next(iter(shares(stated)))}; "
+            f"following_limit_m is {mm(config.following_limit_m)}"
+        )
+        warnings.append(Warning_(code="belt.contact-95", text=text))
     if (tight := gripper_times.tight) is not None:
         warnings.append(Warning_(code="belt.grip-timeout", text=tight))
     warnings += emergency_warnings(watch.emergencies.told)
@@ -98,6 +107,10 @@ def result_of(
             contact_off_rms_m=following.contacts.rms_m,
             contact_off_largest_m=following.contacts.largest_m,
             camera_delay_95_s=camera_delay_95_s(values.time_offset_s),
+            contact_95_m=None if stated is None else stated.r95_m,
+            contact_95_largest_m=following.contacts.largest_95_m,
+            contact_95_shares=None if stated is None else shares(stated),
+            contact_95_without=following.contacts.not_covered,
             gripper_closing_s=gripper_times.closing_s,
             gripper_opening_s=gripper_times.opening_s,
             follow=config.follow,

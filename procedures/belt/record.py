@@ -68,9 +68,10 @@ class PickRecord:
         self._undo()
         await asyncio.shield(self._end())
 
-    def saw(self, t_exposure: float, seq: int, items: list[tuple[int, Any, float]]) -> None:
-        """Items in one camera frame: number, grasp point (3,) in the base, yaw of the longer side (rad)."""
-        rows = [[number, *(float(x) for x in point), yaw] for number, point, yaw in items]
+    def saw(self, t_exposure: float, seq: int, items: list[tuple[int, Any, float, float]]) -> None:
+        """Items in one camera frame: number, grasp point (3,) in the base, yaw of the longer side (rad), and
+        what the detector states of the point (m)."""
+        rows = [[number, *(float(x) for x in point), yaw, sigma] for number, point, yaw, sigma in items]
         self._fresh.sightings.append({"t": t_exposure, "recv": self._clock.now(), "seq": seq, "items": rows})
 
     def goes(self, t: float, state: PursuitState, belt_m_s: float, item: int) -> None:
@@ -193,9 +194,9 @@ def data_set(header: Mapping[str, Any], parts: Sequence[_Rows]) -> dict[str, Any
         **header,
         "encoder": [[t, n] for t, n in counts],
         "detections": [
-            {"id": number, "t_recv": s["recv"], "t_exp": s["t"], "xy": [x, y], "z": z}
+            {"id": number, "t_recv": s["recv"], "t_exp": s["t"], "xy": [x, y], "z": z, "sigma": sigma}
             for s in seen
-            for number, x, y, z, _yaw in s["items"]
+            for number, x, y, z, _yaw, sigma in s["items"]
         ],
         "queries": [q for q in asked if q["t"] >= first.get(q["id"], np.inf)],
     }

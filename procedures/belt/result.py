@@ -229,6 +229,22 @@ class PickingAnswer(Part):
         description="Half of the 95 % interval of where items lie by the camera's pose and lens, in the "
         "direction that is known worst: so far may all contacts be off; null where they are not known.",
     )
+    contact_95_m: Metres | None = Field(
+        default=None,
+        description="So far off, level, are 95 of 100 contacts by all that is known to leave them open: "
+        "sightings, motion of the belt, calibrations of belt and camera, delays, and how the arm follows; "
+        "`contact_95_without` has what is not in it. Null before the first, by the classic method, and in "
+        "results of before this was stated.",
+    )
+    contact_95_largest_m: Metres | None = Field(
+        default=None, description="The same figure of the contact for which it is largest."
+    )
+    contact_95_shares: dict[str, float] | None = Field(
+        default=None, description="Share of each source in the mean square of that figure (1)."
+    )
+    contact_95_without: list[str] | None = Field(
+        default=None, description="In words, what may put a contact off and is not in that figure."
+    )
     gripper_closing_s: Seconds | None = Field(
         default=None,
         description="From the command to the confirmation, the longest of the last; null before.",

@@ -31,6 +31,12 @@ def camera_delay_95_s(offsets: Offsets) -> float | None:
     return None if sigma is None else _SIGMAS_95 * sigma
 
 
+def delay_sigmas(offsets: Offsets) -> tuple[float | None, float | None]:
+    """Standard deviations (s) of the delays of camera and encoder; None of one that was not measured."""
+    camera, encoder = (offsets.get(role, {}).get("sigma") for role in (_CAMERA, _ENCODER))
+    return camera, encoder
+
+
 def delay_warnings(offsets: Offsets) -> list[Warning_]:
     """One for each delay that is not known, with what that can cost and what measures it."""
     return [

@@ -21,6 +21,7 @@ from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.contact_uncertainty import ContactBudget
 from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
@@ -151,7 +152,11 @@ class _Picking:
         inputs = run.inputs("place_inputs") if config.place_clear else None
         self.place_clear, self.place_waits = PlaceClear(inputs, config.place_clear), PlaceWaits(run.clock)
         self.places = Places(config, self.tool, self.q_place, lambda number: run.publish(next_place=number))
-        self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m, self.guard)
+        # The classic method predicts no uncertainty.
+        budget = None if config.method == "classic" else ContactBudget(values, self.camera_to_belt)
+        self.arm_following = ArmFollowing(
+            self.arm.expected_lag_s, config.following_limit_m, self.guard, budget
+        )
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
             if lean > UPRIGHT_RAD:

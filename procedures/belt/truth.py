@@ -67,6 +67,9 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         table(("", "RMS", "largest"), rows),
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
+    if (stated := result.result.contact_95_m) is not None and len(met):
+        inside = 100.0 * float(np.mean(total <= stated))
+        text.append(f"stated were {1e3 * stated:.3f} mm for 95 of 100 contacts; {inside:.0f} % are within")
     return Judged(
         good, "\n".join(text), f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
     )

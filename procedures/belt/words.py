@@ -45,6 +45,13 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"{mm(answer.contact_off_largest_m)} at most, by later counts and pictures; "
             "errors of camera, calibration and arm are not in it"
         )
+    if answer.contact_95_m is not None:
+        shares = answer.contact_95_shares or {}
+        parts = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if share >= 0.005)
+        lines.append(
+            f"  95 of 100 contacts are within {mm(answer.contact_95_m)} by all that is known ({parts} of its "
+            f"square); not in it: {'; '.join(answer.contact_95_without or [])}"
+        )
     if (known := answer.camera_delay_95_s) is not None:
         lines.append(
             f"  the delay of the camera is known to {1e3 * known:.2f} ms (95 %): all contacts may be "

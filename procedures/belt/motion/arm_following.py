@@ -9,6 +9,7 @@ from cell.errors import CellError, error
 from cell.following import along
 from cell.guard import MotionGuard
 from cell.poses import Array
+from procedures.belt.contact_uncertainty import ContactBudget
 from procedures.belt.motion.contact_check import ContactCheck
 from procedures.belt.motion.servo_lag import Lag
 
@@ -18,10 +19,12 @@ _FORGET = 0.1  # of squares: about ten looks, a fifth of a second
 class ArmFollowing:
     """Of one run. Distances are of the tool's point from its set-points at the same time, at an item."""
 
-    def __init__(self, expected_lag_s: float, limit_m: float, guard: MotionGuard) -> None:
-        self.lag, self.contacts = Lag(expected_lag_s), ContactCheck()
+    def __init__(
+        self, expected_lag_s: float, limit_m: float, guard: MotionGuard, budget: ContactBudget | None = None
+    ) -> None:
+        self.lag, self.contacts = Lag(expected_lag_s), ContactCheck(budget)
         self._limit_m, self._guard = limit_m, guard
-        self._squares = 0.0
+        self._squares, self._level = 0.0, np.zeros((2, 2))
         self._lately: float | None = None
         self.looks = 0
         self.largest_m = 0.0
@@ -48,6 +51,11 @@ class ArmFollowing:
         return sqrt(self._squares / self.looks) if self.looks else None
 
     @property
+    def level(self) -> Array | None:
+        """(2, 2) m^2, x and y: mean squares and product of all looks; None before the first."""
+        return self._level / self.looks if self.looks else None
+
+    @property
     def lately_m(self) -> float:
         """RMS of the last looks; 0 before the first."""
         return 0.0 if self._lately is None else sqrt(self._lately)
@@ -58,7 +66,9 @@ class ArmFollowing:
 
     def look(self, tool: Array, wanted: Array) -> None:
         """The tool's point (3,) as it is and as it is meant to be; ``ARM_NOT_FOLLOWING`` over the limit."""
-        square = float(np.sum((tool - wanted) ** 2))
+        off = tool - wanted
+        square = float(np.sum(off**2))
+        self._level += np.outer(off[:2], off[:2])
         self.looks += 1
         self._squares += square
         self.largest_m = max(self.largest_m, sqrt(square))

@@ -259,7 +259,7 @@ class Picker:
         if ride is None or self.standing:
             return await self._give_up(t)
         self._path.descend(t, ride, self._at_grip, self._is_cautious)
-        self._following.contacts.expect(t, *self._path.touches(self._at_grip))
+        self._following.contacts.expect(t, *self._path.touches(self._at_grip), ride.track)
         if not self._choice.inside(ride.track, self._path.t1, self._path.t1 + self._config.dwell_s):
             return await self._give_up(t)
         if self._meets(t, ride):
@@ -314,7 +314,8 @@ class Picker:
         if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
         self._path.go(t, place, self._at_grip)
-        self._following.contacts.expect(t, *self._path.touches(self._at_grip))
+        track = self._watch.track(self._in_hand)
+        self._following.contacts.expect(t, *self._path.touches(self._at_grip), track)
         if self._path.t1 - t <= 0.5 * STEP_S:
             await self._close(t)
         return True
@@ -352,7 +353,7 @@ class Picker:
 
     async def _end_grip(self, t: float, held: bool) -> bool:
         """Up, with the item or without."""
-        self._following.contacts.end(self._in_hand, self._watch)
+        self._following.contacts.end(self._in_hand, self._watch, self._following.level)
         self._in_hand.note(t, "gripped" if held else "grip failed")
         self._held = held
         await self._run.enter(S.LIFT)

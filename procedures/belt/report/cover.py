@@ -57,7 +57,9 @@ def tracking_cover(source: BeltSource) -> Cover:
         )
     if (known := answer.camera_delay_95_s) is not None:
         figures.append(CoverFigure("delay of the camera, 95 %", f"{1e3 * known:.2f} ms"))
-    return Cover(figures, [_COUNTED])
+    if (stated := answer.contact_95_m) is not None:
+        figures.append(judged("contacts off by all that is known, 95 %", stated, limit, mm))
+    return Cover(figures, [*(answer.contact_95_without or ()), _COUNTED])
 
 
 def _percent(share: float | None) -> str:

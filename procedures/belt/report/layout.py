@@ -14,7 +14,7 @@ from procedures.belt.report.plots import (
 from procedures.belt.report.source import BeltSource, ItemLife
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.layout import Layout, Page
-from procedures.report.numbers import DASH
+from procedures.report.numbers import DASH, mm
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline
 from procedures.report.verdict import banner, cards
@@ -75,12 +75,19 @@ def lives_section(source: BeltSource) -> Html | None:
     return section(
         title,
         table(
-            ("item", "became", "sightings", "seen, s", "then, s later"),
+            ("item", "became", "sightings", "contact, 95 %", "seen, s", "then, s later"),
             [
-                (life.number, el("b", life.outcome), life.sightings, _first(life), _then(life))
+                (
+                    life.number,
+                    el("b", life.outcome),
+                    life.sightings,
+                    mm(life.contact_95_m),
+                    _first(life),
+                    _then(life),
+                )
                 for life in shown
             ],
-            "rlrrl",
+            "rlrrrl",
         ),
         note(f"{more} earlier ones are in journal.jsonl and in the ledger.") if more > 0 else None,
     )

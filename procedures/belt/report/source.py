@@ -36,6 +36,7 @@ class ItemLife:
     end: float
     sightings: int
     history: tuple[tuple[float, str], ...]
+    contact_95_m: float | None = None
 
     def at(self, what: str) -> float | None:
         """When ``what`` first happened."""
@@ -73,6 +74,7 @@ class BeltSource(Source[BeltTrackingResult]):
             end - self.begin,
             int(line.get("sightings") or 0),
             rows,
+            number(line.get("contact_95_m")),
         )
 
     @cached_property

@@ -12,7 +12,7 @@ from calibration.belt.arm_time import MotionLimits
 from calibration.belt.estimator import EncoderScale
 from calibration.belt.items import Sighting
 from calibration.belt.meeting import Zone
-from calibration.belt.placing import off_by_camera
+from calibration.belt.placing import left_open
 from calibration.belt.tracking import RestingArm
 from cell.errors import error, present
 from cell.formats.intercept import SCHEMA, Detection, Intercept, Query
@@ -54,17 +54,15 @@ class InterceptSet:
         if camera is None or camera.cov is None:
             return None
         lens = (camera.lens or camera.told).intrinsics()
-        by = off_by_camera(places, from_pose6(camera.T_base_camera), lens).mean(axis=0)
-        out: Array = by @ np.array(camera.cov) @ by.T
-        return out
+        return left_open(places, from_pose6(camera.T_base_camera), lens, np.array(camera.cov))
 
     def sighting(self, detection: Detection) -> Sighting:
         """A detection with its exposure, derived from the mean latency where it is not known."""
         xy, arrived, t = (detection.xy[0], detection.xy[1]), detection.t_recv, detection.t_exp
         if t is not None:
-            return Sighting(xy, t, arrived, sure=True)
+            return Sighting(xy, t, arrived, sure=True, sigma=detection.sigma or 0.0)
         latency = present(self.data.latency_mean, "latency_mean")
-        return Sighting(xy, arrived - latency, arrived, sure=False)
+        return Sighting(xy, arrived - latency, arrived, sure=False, sigma=detection.sigma or 0.0)
 
 
 def load_intercept(path: Path) -> InterceptSet:

@@ -1,0 +1,172 @@
+"""How far a contact may be off, level, by everything that is known to leave it open, source by source.
+
+What all contacts share (camera, belt calibration, delays, arm) is in the figure of each, so that it holds for
+any of them; it does not get less with their number.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.belt.forecast import TravelForecast
+from calibration.belt.tracking import ItemTrack
+from cell.poses import Array
+from cell.run_values import RunValues
+from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
+from procedures.belt.camera_to_belt import CameraToBelt
+from procedures.belt.stamp_delays import delay_sigmas
+from procedures.hand_eye_in_use import arm_rms_m
+from procedures.report.numbers import K95, radius95
+
+SIGHTINGS, MOTION, BELT, CAMERA = "sightings", "belt motion", "belt calibration", "camera"
+DELAYS, FOLLOWING, PLAN, ARM = "delays", "following", "plan", "arm"
+NO_CAMERA = "the camera's pose and lens, of which no covariance is known"
+NO_BELT = "scale and direction of the belt, which are configured and not calibrated"
+NO_DELAY = "the delay of the camera, which was not measured"
+_NEVER = (
+    "how an item lies in the gripper and what the fingers do to it",
+    "a belt that is not as high as belt_z_m says",
+    "a delay of the arm's own stamps",
+)
+_SPEED_S = 0.01  # over which a speed of the past is taken
+
+
+@dataclass(frozen=True)
+class ContactError:
+    """Covariances (2, 2), m^2, of where an item is beside the tool at contact, x and y in the base."""
+
+    parts: Mapping[str, Array]
+
+    @property
+    def cov(self) -> Array:
+        """Of all parts together."""
+        return np.asarray(sum(self.parts.values(), np.zeros((2, 2))))
+
+    @property
+    def r95_m(self) -> float:
+        """So far off, level, is a contact in 95 of 100 cases, m."""
+        return radius95(self.cov)
+
+    def as_dict(self) -> dict[str, object]:
+        """For an item's life: all together, and each part alone, m."""
+        parts = {name: round(radius95(cov), 9) for name, cov in self.parts.items()}
+        return {"contact_95_m": round(self.r95_m, 9), "contact_parts_95_m": parts}
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact as it was planned: when, where the tool is then (2,) in the base, and the item as it was
+    predicted at that decision."""
+
+    t: float
+    xy: Array
+    track: ItemTrack
+
+
+class ContactBudget:
+    """Of one run: what its calibrations leave open, to be put beside what each contact does."""
+
+    def __init__(self, values: RunValues, camera_to_belt: CameraToBelt) -> None:
+        self._camera = camera_to_belt
+        belt = next((name for name in values.versions if name.startswith("belt.")), "")
+        self._scale, self._turn = belt_sigmas(values.uncertainty.get(belt, {}), values.belt)
+        self._camera_s, self._encoder_s = delay_sigmas(values.time_offset_s)
+        self._arm_m = arm_rms_m(values, CAMERA_POSE)
+        self.camera_known = self.followed = True
+
+    def of(self, touch: Touch, seen: Array, following: Array | None) -> ContactError:
+        """``seen`` (k, 3) m are the item's sightings in the base, ``following`` (2, 2) m^2 the mean square of
+        tool beside set-point."""
+        track, t = touch.track, touch.t
+        u = track.unit
+        along, across = np.outer(u, u), np.outer([-u[1], u[0]], [-u[1], u[0]])
+        place, forecast = track.place, track.forecast
+        flat = float(np.linalg.norm(track.flat))
+        moved, speeds = _since_sightings(track, t, flat)
+        beside = track.xy(np.array([t]))[0] - touch.xy
+        parts = {
+            SIGHTINGS: place.var_along * along + place.var_across * across,
+            MOTION: (forecast.sigma(place.at, t) * flat) ** 2 * along,
+            PLAN: np.outer(beside, beside),
+        }
+        if self._scale is not None and self._turn is not None:
+            parts[BELT] = (self._scale * moved) ** 2 * along + (self._turn * moved) ** 2 * across
+        camera = self._camera.left_open(seen)
+        if camera is not None:
+            parts[CAMERA] = camera
+        late = [
+            sigma * speed
+            for sigma, speed in ((self._camera_s, speeds[0]), (self._encoder_s, speeds[1] - speeds[0]))
+            if sigma is not None
+        ]
+        if late:
+            parts[DELAYS] = float(np.sum(np.square(late))) * along
+        if following is not None:
+            parts[FOLLOWING] = following
+        if self._arm_m is not None:
+            parts[ARM] = self._arm_m**2 / 3.0 * np.eye(2)
+        self.camera_known, self.followed = camera is not None, following is not None
+        return ContactError(parts)
+
+    def not_covered(self) -> list[str]:
+        """What the figures leave out, in words: for want of a measurement, or as nothing here sees it."""
+        out = []
+        if self._arm_m is None:
+            out.append("the arm's own accuracy, which was not measured")
+        if not self.camera_known:
+            out.append(NO_CAMERA)
+        if self._scale is None:
+            out.append(NO_BELT)
+        if self._camera_s is None:
+            out.append(NO_DELAY)
+        if self._encoder_s is None:
+            out.append("the delay of the encoder, which was not measured")
+        if not self.followed:
+            out.append("how the arm follows its set-points, which no grip has shown")
+        return [*out, *_NEVER]
+
+
+def together(errors: Sequence[ContactError]) -> ContactError | None:
+    """The mean of several contacts: 95 of 100 of them all are within its figure. None without any."""
+    if not errors:
+        return None
+    names = dict.fromkeys(name for error in errors for name in error.parts)
+    zero = np.zeros((2, 2))
+    return ContactError(
+        {name: np.mean([error.parts.get(name, zero) for error in errors], axis=0) for name in names}
+    )
+
+
+def shares(error: ContactError) -> dict[str, float]:
+    """By source, the share of the mean square error, largest first."""
+    whole = float(np.trace(error.cov))
+    parts = {name: float(np.trace(cov)) / whole for name, cov in error.parts.items()} if whole > 0.0 else {}
+    return dict(sorted(parts.items(), key=lambda part: -part[1]))
+
+
+def _since_sightings(track: ItemTrack, t: float, flat: float) -> tuple[float, tuple[float, float]]:
+    """How far the belt goes from the mean of the item's sightings to ``t``, m, and its speeds (m/s) over
+    ground at them, on average, and at ``t``."""
+    exposed = np.array([s.t for s, used in zip(track.sightings, track.place.used, strict=True) if used])
+    forecast = track.forecast
+    moved = forecast.travels_at(t) - float(np.mean(forecast.travelled(exposed)))
+    ends = forecast.travelled(exposed + _SPEED_S) - forecast.travelled(exposed - _SPEED_S)
+    return flat * moved, (flat * float(np.mean(ends)) / (2.0 * _SPEED_S), flat * _speed_at(forecast, t))
+
+
+def _speed_at(forecast: TravelForecast, t: float) -> float:
+    return forecast.speed(max(t, forecast.now))
+
+
+def belt_sigmas(
+    stated: Mapping[str, Any], belt: Mapping[str, Any] | None
+) -> tuple[float | None, float | None]:
+    """Standard deviations of the scale of ``belt``, as a share, and of its direction, rad, from what its
+    calibration has ``stated``; None of a belt that is not calibrated."""
+    interval, turn = stated.get("m_per_count_95"), stated.get("dir_95_rad")
+    if interval is None or turn is None or belt is None:
+        return None, None
+    half = 0.5 * abs(float(interval[1]) - float(interval[0]))
+    return half / abs(float(belt["m_per_count"])) / K95, float(turn) / K95
