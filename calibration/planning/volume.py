@@ -113,7 +113,7 @@ def _farthest(at: Array, count: int) -> NDArray[np.int64]:
 def _nearest_next(Q: Array, start: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     left, here, order = list(range(len(Q))), start, list[int]()
     while left:
-        k = min(left, key=lambda i: float(np.max(np.abs(Q[i] - here))))
+        k = left[int(np.abs(Q[left] - here).max(axis=1).argmin())]
         left.remove(k)
         order.append(int(rows[k]))
         here = Q[k]
