@@ -261,8 +261,10 @@ class RobotSection(GrownSection):
     )
 
 
-class ModbusSection(Section):
+class ModbusSection(GrownSection):
     """The Modbus server for a PLC or a panel. Reading is open to whoever reaches the address."""
+
+    LATER = frozenset({"tls_cert", "tls_key", "tls_clients_ca"})
 
     enabled: bool = Field(default=True, description="false: no Modbus server")
     bind: Bind = Field(default="127.0.0.1:5020", description="address and port to listen on")
