@@ -95,7 +95,10 @@ class RunFolder:
             ended = datetime.fromtimestamp(self._wall(), UTC).isoformat()
             last = {"schema": END_SCHEMA, "ended": ended, "software": software(), **end}
             if (result := self.path / RESULT_FILE).is_file():
-                last[RESULT_SUM] = sum_of(result)
+                try:
+                    last[RESULT_SUM] = sum_of(result)
+                except CellError as exc:  # the end of the run is worth more than the sum of its result
+                    self.note("error", event="no sum of the result", **exc.as_dict())
             write_atomic(self.path / "end.json", to_json(last, indent=1))
         finally:
             self.close()
@@ -132,14 +135,19 @@ class RunFolder:
     def read_end(self) -> dict[str, Any] | None:
         """``end.json``, or None without one; ``FILE_UNREADABLE`` names what it should not hold.
 
-        With the verdict ``altered`` and no figure where ``result.json`` is not as it was at the end.
+        With the verdict ``altered`` and no figure where ``result.json`` is not as it was at the end; without
+        both where it cannot be read.
         """
         end = self._read_optional("end.json")
         if end is not None and (wrong := misfit(END_FIELDS, end)):
             raise error("FILE_UNREADABLE", f"{self.path / 'end.json'}: {wrong}")
-        if end is not None and result_altered(self.path, end):
-            return {**end, "verdict": ALTERED, "figure": None}
-        return end
+        if end is None:
+            return None
+        try:
+            altered = result_altered(self.path, end)
+        except CellError:
+            return {**end, "verdict": None, "figure": None}
+        return {**end, "verdict": ALTERED, "figure": None} if altered else end
 
     def close(self) -> None:
         """Close the journal; done by :meth:`finish`."""

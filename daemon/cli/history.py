@@ -209,12 +209,15 @@ def _drawn(folder: Any, paths: CellPaths, rebuild: bool) -> Path:
 
         return write_failed_report(folder.path, path)
     from cell.store.signatures import check_signatures
+    from procedures.report.source import hides_altered
 
     decided = decisions(paths, folder.run_id)
     told = [folder.path / name for name in ("result.json", "end.json", SIGNATURES_FILE)]
     newest = max([p.stat().st_mtime for p in told if p.exists()] + [d["decided"] or 0.0 for d in decided])
     changed = any(signature.changed for signature in check_signatures(folder.path))
-    if rebuild or changed or not path.exists() or path.stat().st_mtime < newest:
+    stale = not path.exists() or path.stat().st_mtime < newest
+    stale = stale or hides_altered(folder.path, path.read_text("utf-8", errors="replace"))
+    if rebuild or changed or stale:
         result_of(folder)
         from procedures.report import write_report
 

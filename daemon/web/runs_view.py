@@ -11,7 +11,7 @@ from aiohttp import web
 from cell.errors import CellError, error
 from cell.store.run_fields import tool_on_flange
 from cell.store.run_list import ListedRun, listed_runs
-from cell.store.runs import RunFolder, load_run
+from cell.store.runs import ALTERED, RunFolder, load_run
 from daemon.cli.journal_text import timeline
 from daemon.cli.result_text import result_text
 from daemon.engine import Engine
@@ -21,6 +21,7 @@ from daemon.web.signed import told
 from procedures.comparison import compare_results
 from procedures.documents import kind_named
 from procedures.registry import JOBS
+from procedures.report.source import hides_altered
 
 MOST_RUNS = 200
 JOURNAL_LINES = 400
@@ -87,6 +88,8 @@ class RunsView:
         if result is None:
             return None
         kept = {key: result.get(key) for key in ("kind", "verdict", "reasons", "warnings", "heldout")}
+        if (folder.read_end() or {}).get("verdict") == ALTERED:
+            kept["verdict"] = ALTERED
         try:
             words = result_text(result, str(path))
         except CellError as exc:
@@ -117,13 +120,21 @@ class RunsView:
         return web.Response(body=text, content_type="text/html", charset="utf-8", headers=headers)
 
     def _report(self, number: int) -> bytes:
-        path = load_run(self._engine.runs, number).path / "report.html"
+        folder = load_run(self._engine.runs, number).path
+        path = folder / "report.html"
         try:
             if path.stat().st_size > LONGEST_REPORT:
                 raise error("FILE_UNREADABLE", f"the report of run {number} is too long")
-            return path.read_bytes()
+            drawn = path.read_bytes()
         except FileNotFoundError:
             raise error("NOT_FOUND", f"run {number} has no report") from None
+        if hides_altered(folder, drawn.decode("utf-8", errors="replace")):
+            text = (
+                f"the result of run {number} was altered or restored since its report was drawn; "
+                f"'cellward report {number}' draws it anew"
+            )
+            raise error("FILE_UNREADABLE", text)
+        return drawn
 
     async def seen(self, request: web.Request) -> web.Response:
         """The newest picture of a capture with the corners found in it; null where there is none."""

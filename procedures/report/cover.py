@@ -11,7 +11,7 @@ from procedures.kinematics_in_use import in_words
 from procedures.report.html import Html, bullets, el, join, note, table
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.origin import moved_arm
-from procedures.report.source import Source
+from procedures.report.source import ALTERED_TEXT, Source
 
 ROLES = ("measured", "checked", "approved")
 TWIN = "Simulated cell (twin): nothing in this report was measured on real devices."
@@ -81,7 +81,9 @@ def _go(source: Source[Any]) -> Html:
     """GO or NO-GO with the reason; a run that did not complete is no GO whatever its verdict."""
     result, outcome = source.result, dig(source.end, "outcome")
     first = next(iter(result.reasons), "")
-    if outcome not in (None, "complete"):
+    if source.altered:
+        word, why, kind = "NO-GO", ALTERED_TEXT, "fail"
+    elif outcome not in (None, "complete"):
         word, why, kind = "NO-GO", _ended_by(source), "fail"
     elif getattr(result, "result", None) is None:
         word, why, kind = "NO-GO", f"the data cannot determine the answer. {first}", "fail"

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import unescape
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
@@ -14,7 +15,9 @@ from cell.store.signatures import Checked, check_signatures
 
 JOURNAL_FILE = "journal.jsonl"
 RESULT_FILE = "result.json"
+END_FILE = "end.json"
 TRUTH_FILE = "truth.json"  # of a twin, written by the demo
+ALTERED_TEXT = "The result was altered after the run's end: it is not what the job found."
 E = TypeVar("E", bound=Envelope)
 S = TypeVar("S", bound="Source[Any]")
 
@@ -36,6 +39,7 @@ class Source(Generic[E]):
     truth: Mapping[str, Any] = field(default_factory=dict)
     decided: Sequence[Mapping[str, Any]] = ()  # rows of the ledger about results of the run
     signatures: Sequence[Checked] = ()  # without one that cannot be read
+    altered: bool = False  # the result is not what the job found
     misfit: str = ""  # why the result does not fit the model of its kind
 
     @property
@@ -60,10 +64,9 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
     data = folder / data_file
     source.data = data if data.exists() else None
     source.run = _optional(folder / "run.json", source.missing)
-    if (folder / "end.json").exists():
-        source.end = _optional(folder / "end.json", source.missing)
-        if result_altered(folder, source.end):
-            source.missing.append("The result was altered after the run's end: it is not what the job found.")
+    if (folder / END_FILE).exists():
+        source.end = _optional(folder / END_FILE, source.missing)
+        source.altered = _altered(folder, source)
     if (folder / TRUTH_FILE).exists():
         source.truth = _optional(folder / TRUTH_FILE, source.missing)
     source.journal = _journal(folder / JOURNAL_FILE, source.missing)
@@ -71,6 +74,28 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
     source.signatures = [each for each in checked if each.signature is not None]
     source.missing += [line for each in checked if each.signature is None for line in each.changed]
     return source
+
+
+def _altered(folder: Path, source: Source[Any]) -> bool:
+    try:
+        altered = result_altered(folder, source.end)
+    except CellError as exc:
+        source.missing.append(str(exc))
+        return False
+    if altered:
+        source.missing.append(ALTERED_TEXT)
+    return altered
+
+
+def hides_altered(folder: Path, report: str) -> bool:
+    """Whether a report that was drawn of a run tells other than it is whether its result was altered: a
+    time-stamp does not show that, as whoever alters or restores a file can keep it."""
+    try:
+        end = read_json(folder / END_FILE)
+        altered = result_altered(folder, end if isinstance(end, Mapping) else {})
+    except CellError:
+        return False
+    return altered != (ALTERED_TEXT in unescape(report))
 
 
 def _optional(path: Path, missing: list[str]) -> Mapping[str, Any]:

@@ -21,6 +21,8 @@ def banner(
     result = source.result
     refused = getattr(result, "result", None) is None
     headline = "Refused: the data cannot determine the answer" if refused else _HEADLINE[result.verdict]
+    if source.altered:
+        headline = "Altered after the run's end: what follows is not what the job found"
     unfinished = dig(source.end, "outcome") not in (None, "complete")
     if unfinished:
         headline += f" (but the run ended {dig(source.end, 'outcome')})"
@@ -38,6 +40,7 @@ def banner(
         body.append(paragraph("No finding: the data determine the answer and nothing is to be warned of."))
     more = Html((more or "") + (_decision(source) or ""))
     kind = "warn" if unfinished and result.verdict == "pass" else result.verdict
+    kind = "fail" if source.altered else kind
     return el("div", el("h2", headline), *body, more, class_=f"verdict {kind}")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cell.clock import MonotonicClock
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.store.runs import RunFolder, highest_run_id, interrupted_runs, list_runs, load_run
 
 
@@ -46,6 +46,28 @@ def test_end_json_comes_last_and_makes_the_run_ended(subject: RunFolder) -> None
     assert (end["schema"], end["outcome"]) == ("cellward.end/1", "complete")
     assert result is not None
     assert result["verdict"] == "pass"
+
+
+def test_a_result_that_cannot_be_read_costs_its_verdict_and_not_the_end(
+    subject: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject.write_result({"schema": "cellward.result/1", "verdict": "pass"})
+
+    def unreadable(path: Path) -> str:
+        raise error("FILE_UNREADABLE", f"{path}: Input/output error")
+
+    with monkeypatch.context() as broken:
+        broken.setattr("cell.store.runs.sum_of", unreadable)
+        subject.finish({"outcome": "complete", "verdict": "pass"})
+        end = subject.read_end()
+    assert end is not None
+    assert "result_sha256" not in end
+    assert "no sum of the result" in [line.get("event") for line in subject.read_journal()]
+
+    (subject.path / "end.json").write_text(json.dumps({**end, "result_sha256": "0"}))
+    assert (subject.read_end() or {})["verdict"] == "altered"
+    monkeypatch.setattr("cell.store.runs.sum_of", unreadable)
+    assert (subject.read_end() or {}) == {**end, "result_sha256": "0", "verdict": None, "figure": None}
 
 
 def test_an_interrupted_run_gets_one_terminal_line_that_names_the_error(subject: RunFolder) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 from html import escape
@@ -52,7 +53,17 @@ def test_no_verdict_is_told_of_a_result_that_was_altered_after_its_run(
             subject(command, 1).err
         )
         assert "altered" not in subject(command, 4).err
-    assert "it is not what the job found" in (altered / "report.html").read_text("utf-8")
+    report = altered / "report.html"
+    drawn = report.read_text("utf-8")
+    assert "it is not what the job found" in drawn
+    assert "NO-GO" in drawn
+
+    # Restored with the time-stamps of before, which tell nothing.
+    for name, content in (("result.json", result), ("report.html", drawn)):
+        (altered / name).write_text(content)
+        os.utime(altered / name, (1e9, 2e9))
+    subject("report", 1)
+    assert "it is not what the job found" not in report.read_text("utf-8")
 
 
 def words(text: str) -> str:
