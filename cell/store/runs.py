@@ -179,6 +179,12 @@ def result_altered(folder: Path, end: Mapping[str, Any]) -> bool:
     return kept is not None and (not path.is_file() or sum_of(path) != kept)
 
 
+def altered_in(folder: Path) -> bool:
+    """:func:`result_altered` of a run folder; ``FILE_UNREADABLE``. A folder without an end has no sum."""
+    end = read_json(folder / "end.json") if (folder / "end.json").is_file() else {}
+    return isinstance(end, Mapping) and result_altered(folder, end)
+
+
 def list_runs(runs: Path, newest: int | None = None) -> list[RunFolder]:
     """The runs, oldest first; a run whose ``run.json`` cannot be read has ``info["unreadable"]``.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from cell.errors import CellError
 from cell.store.files import read_json, to_json
-from cell.store.runs import load_run
+from cell.store.runs import altered_in, load_run
 
 LEFT_OUT = "left_out"
 MAX_ITEM_CHARACTERS = 2000  # of JSON: a covariance (6, 6) is half of it
@@ -29,7 +29,8 @@ def summary(result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def whole_result(row: Mapping[str, Any], runs: Path) -> dict[str, Any] | None:
-    """The whole result document of a calibration; None where its run folder does not hold it any more.
+    """The whole result document of a calibration; None where its run folder does not hold it any more, also
+    because it was altered after its run.
 
     ``row`` is one of the ledger's, ``runs`` the folder of the run folders.
     """
@@ -38,6 +39,8 @@ def whole_result(row: Mapping[str, Any], runs: Path) -> dict[str, Any] | None:
         return dict(result)
     try:
         folder = runs / row["folder"] if row["folder"] else load_run(runs, row["run_id"]).path
+        if altered_in(folder):
+            return None
         found = read_json(folder / "result.json")
     except CellError:
         return None

@@ -11,6 +11,7 @@ import numpy as np
 from calibration.kinematics.ur_models import UR_MODELS
 from cell.errors import error
 from cell.formats.reading import read_json
+from cell.store.runs import altered_in
 from daemon.cli.options import CellPaths
 from procedures.kinematics_in_use import other_arm, other_device
 from procedures.report.numbers import covariance, dig, number, radius95
@@ -83,6 +84,10 @@ class Exported:
 def from_file(path: Path) -> Exported:
     """The answer of a ``cellward.result/1`` file or run folder; one that failed is refused."""
     file = path / "result.json" if path.is_dir() else path
+    if path.is_dir() and altered_in(path):
+        raise error(
+            "DATA_INVALID", f"{file} was altered after the end of its run, so it is not what the job found"
+        )
     result = read_json(file)
     kind, answer = result.get("kind"), result.get("result")
     if result.get("schema") != "cellward.result/1":

@@ -11,7 +11,7 @@ from cell.errors import CellError, error
 from cell.store.files import write_atomic
 from cell.store.ledger import Ledger
 from cell.store.run_list import listed_runs
-from cell.store.runs import RunFolder, list_runs
+from cell.store.runs import ALTERED, RunFolder, list_runs
 from cell.store.summary import whole_result
 from daemon.cli.export_source import uncertainty_of
 from daemon.cli.options import CellPaths
@@ -113,7 +113,7 @@ def _runs(paths: CellPaths) -> Iterator[dict[str, Any]]:
             "figure_value": figure and figure.value,
             "figure_95": figure and figure.uncertainty,
             "figure_unit": figure and figure.unit,
-            "figures": _figures(document),
+            "figures": {} if run.verdict == ALTERED else _figures(document),
         }
 
 

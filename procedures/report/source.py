@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, cast
 from cell.errors import CellError
 from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
-from cell.store.runs import result_altered
+from cell.store.runs import altered_in, result_altered
 from cell.store.signatures import Checked, check_signatures
 
 JOURNAL_FILE = "journal.jsonl"
@@ -91,8 +91,7 @@ def hides_altered(folder: Path, report: str) -> bool:
     """Whether a report that was drawn of a run tells other than it is whether its result was altered: a
     time-stamp does not show that, as whoever alters or restores a file can keep it."""
     try:
-        end = read_json(folder / END_FILE)
-        altered = result_altered(folder, end if isinstance(end, Mapping) else {})
+        altered = altered_in(folder)
     except CellError:
         return False
     return altered != (ALTERED_TEXT in unescape(report))

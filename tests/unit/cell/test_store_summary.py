@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from cell.errors import CellError
 from cell.store.ledger import Ledger
 from cell.store.summary import LEFT_OUT, summary, whole_result
+from daemon.cli.export_source import from_file
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
 NAME = "T_flange_camera"
@@ -87,3 +89,16 @@ def test_an_export_whose_run_folder_is_gone_says_what_is_unknown(
     Ledger(path).close()
     shutil.rmtree(cell.state / "runs")
     assert "the folder of run 1 is gone" in subject("export", NAME, "--format", "json").out
+
+
+def test_what_was_altered_after_its_run_is_not_its_result_any_more(cell: CellOnDisk, tmp_path: Path) -> None:
+    (folder,) = (cell.state / "runs").iterdir()
+    ledger = Ledger(cell.state / "ledger.sqlite", read_only=True)
+    row = ledger.result(1)
+    ledger.close()
+    assert whole_result(row, cell.state / "runs") is not None
+    path = folder / "result.json"
+    path.write_text(path.read_text("utf-8").replace('"verdict": "pass"', '"verdict": "warn"'), "utf-8")
+    assert whole_result(row, cell.state / "runs") is None
+    with pytest.raises(CellError, match="altered after the end of its run"):
+        from_file(folder)
