@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from calibration.planning import Volume
 from cell.calibrations import kinematics
 from cell.errors import error
+from cell.formats.capture import Camera
 from cell.formats.result import Envelope
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
@@ -27,9 +28,11 @@ from procedures.eye_to_hand.solve.solver import solve_axbc
 from procedures.hand_eye.capturing import CaptureRun, check_names
 from procedures.hand_eye.judging import BoardSeen
 from procedures.hand_eye.plan import PlacementPlan
+from procedures.hand_eye.record import camera_entry
 from procedures.hand_eye.states import TRANSITIONS, S, State
+from procedures.hand_eye_in_use import solved_lens
 
-CAMERA, SETUP = "fixed_camera", "eye-to-hand"
+CAMERA, SETUP, HAND_EYE = "fixed_camera", "eye-to-hand", "T_base_camera"
 
 
 class EyeToHandCheck(Procedure):
@@ -58,7 +61,7 @@ class EyeToHandCheck(Procedure):
         auto = self.config.accept.auto
         if self.config.propose == "camera":
             X = to_pose6(from_pose6(answer.T_camera_base).inv())
-            return Proposal("T_base_camera", [float(v) for v in X], auto)
+            return Proposal(HAND_EYE, [float(v) for v in X], auto)
         if answer.correction.chosen != "model" or answer.robot is None:
             return None
         device = run.cell.device("arm").name
@@ -123,7 +126,7 @@ class CheckCapture(CaptureRun):
         data = {
             "schema": "cellward.axbc/1",
             "robot": header["robot"],
-            "camera": header["camera"],
+            "camera": self._camera(),
             "marker": header["target"],
             "T_marker_flange": list(check.T_marker_flange),
             "sigma_C": {"t": check.place_sigma_t_m, "r": check.place_sigma_r_rad},
@@ -134,6 +137,12 @@ class CheckCapture(CaptureRun):
         path = self.run.folder / FILE_NAME
         write_atomic(path, json.dumps(data, allow_nan=False))
         return path
+
+    def _camera(self) -> dict[str, Any]:
+        """With the lens that was found together with the pose that is judged; as told where there is none."""
+        told: dict[str, Any] = self.record.header["camera"]
+        lens = solved_lens(self.run.values, HAND_EYE, Camera.model_validate(told).intrinsics())
+        return told if lens is None else camera_entry(lens, self.config.sigma_of_camera())
 
 
 def solve_run(path: Path) -> Envelope:

@@ -45,13 +45,14 @@ def config(
     return write_config(folder, scenario, jobs={CHECK: section})
 
 
-def give_hand_eye(cell: ObjectCell, off_m: float = 0.0) -> None:
-    """An earlier calibration of the camera: the twin's own pose, ``off_m`` off."""
+def give_hand_eye(cell: ObjectCell, off_m: float = 0.0, lens: bool = False) -> None:
+    """An earlier calibration of the camera: the twin's own pose, ``off_m`` off, and its lens on request."""
     true = from_pose6(cell.plant.world.truth()["T_base_camera"])
     T = [float(v) for v in to_pose6(true * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0]))]
     nominal = cell.config.robot.T_base_camera_nominal
     drawn = None if nominal is None else list(nominal)
-    entry = on_disk(cell.ledger.propose, "T_base_camera", T, {}, 0, drawn)
+    found = {"result": {"lens": cell.plant.world.truth()["camera"]}} if lens else {}
+    entry = on_disk(cell.ledger.propose, "T_base_camera", T, found, 0, drawn)
     on_disk(cell.ledger.accept, entry, "test")
 
 
@@ -72,6 +73,24 @@ def test_a_good_hand_eye_passes_and_the_standard_is_right_within_its_uncertainty
             assert off_in_sigmas_squared(cell, result) < MAHALANOBIS_LIMIT
             assert len(result["result"]["places"]) >= 12
             assert cell.at_rest()
+
+    run_virtual(main())
+
+
+def test_a_hand_eye_is_judged_with_the_lens_that_was_found_with_it(tmp_path: Path) -> None:
+    """A camera that tells its focal length 0.3 % wrong is where its calibration says."""
+    scenario = tmp_path / "told.toml"
+    told = "[world.camera.told]\nfocal = 0.003\n\n[world.target]"
+    scenario.write_text(ideal_text("hand_eye_to_hand").replace("[world.target]", told, 1), "utf-8")
+
+    async def main() -> None:
+        async with open_cell(config(tmp_path, scenario=str(scenario)), job=CHECK) as cell:
+            give_hand_eye(cell, lens=True)
+            end = await cell.run_job()
+            result = cell.result(1)
+            assert end["outcome"] == "complete", end
+            assert result["result"]["eval"]["t"] < 2e-4
+            assert off_in_sigmas_squared(cell, result) < MAHALANOBIS_LIMIT
 
     run_virtual(main())
 
