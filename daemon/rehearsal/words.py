@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from daemon.rehearsal.play import RehearsedRun
+from daemon.rehearsal.play import NOT_STARTED, RehearsedRun
 
 MOST_LINES = 5
 
@@ -11,7 +11,10 @@ MOST_LINES = 5
 def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
     """One twin: how it ended, how good the result was, and what fell out."""
     verdict = f", verdict {outcome.verdict}" if outcome.verdict else ""
-    yield f"{job}, twin {outcome.seed}: {outcome.ended} after {_time(outcome.seconds)} of the cell{verdict}"
+    time = f" after {_time(outcome.seconds)} of the cell"
+    if outcome.ended == NOT_STARTED:
+        time = f"; what comes first took {_time(outcome.seconds)} of the cell" if outcome.seconds else ""
+    yield f"{job}, twin {outcome.seed}: {outcome.ended}{time}{verdict}"
     for sentence in outcome.why:
         yield f"  {sentence}"
     if outcome.stated:
@@ -34,6 +37,12 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
 def summary_lines(job: str, outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
     """All twins together; nothing where there is one."""
     if len(outcomes) < 2:
+        return
+    if all(outcome.ended == NOT_STARTED for outcome in outcomes):
+        reasons = Counter(outcome.why[0] for outcome in outcomes if outcome.why)
+        ((reason, number),) = reasons.most_common(1) or [("no reason is known", len(outcomes))]
+        most = "" if number == len(outcomes) else f"in {number} of them because "
+        yield f"{job}: could not be started in any of {len(outcomes)} twins: {most}{reason.rstrip('.')}"
         return
     good = sum(outcome.succeeded for outcome in outcomes)
     times = [outcome.seconds for outcome in outcomes if outcome.ended == "complete"]
