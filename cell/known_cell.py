@@ -17,7 +17,8 @@ class KnownCamera:
 
     ``T_mount_camera``: nominal, in the flange, or in the base when it is ``fixed``; ``T_flange_target``: the
     same of a target on the flange. ``looks``: joints where the camera sees the target, ``distance_m`` away,
-    for each of its placements.
+    for each of its placements. ``target_sigma_t_m``, ``target_sigma_r_rad``: how well ``T_flange_target`` is
+    known along and about an axis of the flange; None where it is only drawn.
     ``scale_sigma``: share by which the target's size is unknown; ``flatness_m``: how far it may bend.
     """
 
@@ -27,6 +28,8 @@ class KnownCamera:
     looks: Sequence[Sequence[float]]
     distance_m: float
     T_flange_target: Pose | None = None
+    target_sigma_t_m: float | None = None
+    target_sigma_r_rad: float | None = None
     scale_sigma: float = 0.002
     flatness_m: float = 0.0002
 

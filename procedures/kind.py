@@ -110,6 +110,7 @@ _ALL = (
         asked=("targets",),
         expectation="procedures.eye_to_hand.expectation:eye_to_hand_expectation",
         truth="procedures.eye_to_hand.truth:judge_standard",
+        rehearsal="procedures.eye_to_hand.rehearsal:rehearse_check",
         measures=("T_base_camera",),
         judges=True,
     ),

@@ -82,6 +82,11 @@ def _placement(
         if known.T_flange_target is None:
             raise ValueError("a fixed camera needs [robot] T_flange_target_nominal")
         nominal = from_pose6(known.T_flange_target)
+        if (t := known.target_sigma_t_m) is not None and (r := known.target_sigma_r_rad) is not None:
+            shift, turn = t * rng.standard_normal(3), Rotation.from_rotvec(r * rng.standard_normal(3))
+            return {
+                "T_flange_target": to_pose6(RigidTransform.from_components(shift, turn) * nominal).tolist()
+            }
         turned = Rotation.from_rotvec([0.0, 0.0, TURN_RAD * number]) * Rotation.from_rotvec(
             MOUNT_RAD * rng.standard_normal(3)
         )

@@ -12,6 +12,7 @@ from procedures.eye_to_hand.result import AxbcResult
 from procedures.words import deg, mm
 
 M2_LIMIT = 20.1  # 99.73 % of a chi-square with 6 degrees of freedom lie below
+M2_95 = 12.59  # 95 % do
 
 
 def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -> Judged:
@@ -28,4 +29,5 @@ def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -
         f"T_camera_base is off by {off}; squared Mahalanobis distance {m2:.1f} (6 expected, limit "
         f"{M2_LIMIT}): {words} the stated uncertainty\nblamed: {answer.blamed}"
     )
-    return Judged(good, text, f"standard uncertainty {mm(sigma[0])}, {deg(sigma[1])}", off)
+    stated = f"standard uncertainty {mm(sigma[0])}, {deg(sigma[1])}"
+    return Judged(good, text, stated, off, m2 <= M2_95)

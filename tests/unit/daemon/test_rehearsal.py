@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError, error
+from cell.poses import from_pose6, log_xi
 from cell.store.runs import RunFolder
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
@@ -77,6 +79,7 @@ def test_a_capture_is_rehearsed_on_a_twin_of_the_example(
         ("belt-calibration", {"camera", "belt", "items"}),
         ("belt-tracking", {"camera", "belt", "items", "gripper"}),
         ("touch-test", {"camera", "target"}),
+        ("eye-to-hand-check", {"camera", "target"}),
     ],
 )
 def test_a_twin_has_what_its_job_meets_and_no_address_of_the_cell(
@@ -180,6 +183,9 @@ def test_a_touch_test_behind_a_capture_of_another_board_or_camera_is_refused(
             {"T_flange_camera_nominal": "# T_flange_camera_nominal"},
             "has no T_flange_camera_nominal",
         ),
+        ("eye-to-hand-check", {"T_base_camera_nominal": "# T_base_camera"}, "has no T_base_camera_nominal"),
+        ("eye-to-hand-check", {'fixed_camera = "belt': '# fixed = "belt'}, "no device for fixed_camera"),
+        ("eye-to-hand-check", {'start_pose = "show"': 'start_pose = "home"'}, "give start_pose a pose"),
     ],
 )
 def test_what_the_configuration_lacks_is_said(
@@ -211,6 +217,35 @@ def test_a_rehearsal_says_how_it_ended_and_what_fell_out() -> None:
     (line,) = summary_lines("cone-capture", [good, bad])
     assert line.startswith("cone-capture: ended well in 1 of 2 twins, in 1 min 35 s to 1 min 35 s")
     assert (good.succeeded, bad.succeeded) == (True, False)
+
+
+def test_twins_in_which_nothing_could_be_started_say_why_in_one_sentence() -> None:
+    why = "its cone-capture was judged warn: few views, and was not accepted"
+    first, other = (RehearsedRun(n, "not started", 95.0, why=[w]) for n, w in ((1, why), (2, "no arm.")))
+    (line,) = summary_lines("touch-test", [first, other, first])
+    start = "touch-test: could not be started in any of 3 twins: in 2 of them because"
+    assert line == f"{start} its cone-capture was judged warn: few views, and was not accepted"
+    (line,) = summary_lines("touch-test", [other, other])
+    assert line == "touch-test: could not be started in any of 2 twins: no arm"
+    told = next(outcome_lines("touch-test", first))
+    assert told == "touch-test, twin 1: not started; what comes first took 1 min 35 s of the cell"
+
+
+def test_the_target_of_a_check_is_where_the_job_says_to_what_it_states(tmp_path: Path) -> None:
+    """The job's own sigma of the place, not a bracket's."""
+    given, offs = from_pose6([0.1, 0.1, 0.05, 0.0, 3.1416, 0.0]), []
+    exact = {"place_sigma_t_m = 0.0001": "place_sigma_t_m = 0.0"}
+    for seed, replaced in ((1, {}), (2, {}), (1, exact)):
+        path = whole_example(tmp_path, replaced)
+        rehearsed_cell(load_config(path), path, "eye-to-hand-check", seed, tmp_path)
+        (placement,) = Scenario.load(tmp_path / "scenario.toml").world.placement
+        assert placement.T_flange_target is not None
+        # The place is off at the flange: T_marker_flange exp(xi).
+        offs.append(log_xi(given.inv() * from_pose6(placement.T_flange_target).inv()))
+    assert 1e-6 < np.linalg.norm(offs[0][:3]) < 5e-4
+    assert 1e-6 < np.linalg.norm(offs[0][3:]) < 1.5e-3
+    assert np.linalg.norm(offs[0] - offs[1]) > 1e-6
+    assert np.linalg.norm(offs[2][:3]) < 1e-9
 
 
 def test_a_job_that_no_truth_can_judge_is_told_beside_its_prediction(
@@ -269,7 +304,8 @@ def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
     cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path))
     ran = cellward("rehearse", "slot-insertion", "--out", str(tmp_path / "out"))
     assert ran.code == 2
-    assert "slot-insertion cannot be rehearsed yet; these jobs can: cone-capture, laser-reference" in ran.err
+    refused = "slot-insertion cannot be rehearsed yet; these jobs can: cone-capture, eye-to-hand-check"
+    assert refused in ran.err
     assert "Rehearsing" not in ran.err
     page = (Path(__file__).parents[3] / "docs" / "operating.md").read_text("utf-8")
     listed = page.partition("cannot be rehearsed yet:")[2].partition(".")[0]
