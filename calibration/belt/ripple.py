@@ -143,6 +143,8 @@ def _fit(s: Array, n: Array, coarse: Blocks, judge: Judge) -> Ripple | None:
     rows = coarse.s >= s[0]
     cs, cn = coarse.s[rows], coarse.n[rows]
     length = -float(s[0])
+    if length <= 0.0:  # frames that came at once, after a PC had stood still
+        return None
     grid = np.arange(_SLOWEST / length, min(_FASTEST, 0.4 / coarse.width), _STEP / length)
     if len(cs) < 12 or not len(grid):
         return None

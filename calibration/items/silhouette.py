@@ -15,6 +15,7 @@ from cell.poses import Array
 
 _SAME_SIDE = 0.87  # cosine between normals of one side
 _BOWED_PX, _FEW = 0.6, 6  # RMS beside a straight side, and points that tell no direction
+_PARALLEL = 1e-6  # sine of the angle between two sides
 _TURNS = 0.7  # cosine: two sides that meet at such a corner are extended to it
 _CORNER_PX = 8.0  # from where the corner is looked for
 _CUT_PX = 0.3  # by which the silhouette has to cut a strip before it counts
@@ -93,7 +94,8 @@ def with_corners(points: Array, normal: Array, sides: Sides) -> Array:
 
 
 def _crossing(p: Array, n: Array, q: Array, m: Array) -> Array | None:
-    if float(n @ m) > _TURNS:
+    # Opposite sides may follow each other where one between them is hidden: they do not cross.
+    if float(n @ m) > _TURNS or abs(n[0] * m[1] - n[1] * m[0]) < _PARALLEL:
         return None
     corner = np.linalg.solve(np.stack([n, m]), np.array([n @ p, m @ q]))
     return corner if np.linalg.norm(corner - 0.5 * (p + q)) < _CORNER_PX else None

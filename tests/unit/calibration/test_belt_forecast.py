@@ -277,3 +277,14 @@ def test_a_single_time_is_answered_as_one_of_many(kind: str, name: str) -> None:
     assert [motion.position_at(t) for t in times.tolist()] == pytest.approx(positions, rel=1e-12)
     slopes = (motion.position(times + 1e-5) - motion.position(times - 1e-5)) / 2e-5
     assert [motion.speed_at(t) for t in times.tolist()] == pytest.approx(slopes, abs=1e-3 * abs(slopes).max())
+
+
+def test_a_pc_that_stood_still_gets_a_forecast_from_what_came_at_once() -> None:
+    """Half a second of counts, then those of a pause in one moment: one is left to look for ripple in."""
+    subject = BeltEstimator(EncoderScale(1e-4, None, 0.001))
+    subject.extend((0.001 * k, round(1.5 * k)) for k in range(502))
+    for k in range(1, 1001):
+        subject.add(2.0, 752 + round(2.25 * k))
+        if k in (1, 2, 1000):
+            subject.keep_up()
+            assert subject.forecast() is not None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from calibration.items.silhouette import strip_widths
+from calibration.items.silhouette import strip_widths, with_corners
 from calibration.items.strip import about_middle, blur_of, shade_of
 
 FINE = 0.01
@@ -51,3 +51,10 @@ def test_a_strip_is_cut_where_the_foot_has_moved_along_its_side() -> None:
     assert alone.all()
     hidden, _ = strip_widths(upper - [0.0, 20.0], -up, square, lambda p: p + moved)
     assert hidden == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_opposite_sides_that_follow_each_other_have_no_corner() -> None:
+    """Where the side between them is hidden; their points are kept as they are."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 5.0], [0.0, 5.0]])
+    normal = np.array([[0.0, -1.0], [0.0, -1.0], [0.0, 1.0], [0.0, 1.0]])
+    assert np.array_equal(with_corners(points, normal, np.array([0, 0, 1, 1])), points)
