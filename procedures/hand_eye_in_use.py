@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 
+import numpy as np
 from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
+from calibration.adjustment.lens_terms import LensPrior
 from cell.calibrated_lens import calibrated_lens
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -14,6 +16,7 @@ from cell.run_values import RunValues
 from procedures.kinematics_in_use import in_use, made_otherwise
 
 HAND_EYE = "T_flange_camera"
+_LENS = slice(6, 14)  # of ``lens_cov``, behind the pose: focal length, aspect, principal point, distortion
 
 
 def require_hand_eye(values: RunValues) -> RigidTransform:
@@ -33,6 +36,17 @@ def solved_lens(values: RunValues, name: str, told: Intrinsics) -> Intrinsics | 
     """The lens that belongs to the camera's pose ``name``; None where its calibration has none for pictures
     of the size that is ``told``."""
     return calibrated_lens(values.uncertainty.get(name, {}).get("lens"), told)
+
+
+def solved_lens_sigma(values: RunValues, name: str) -> dict[str, float]:
+    """How well the calibration of the camera's pose ``name`` found its lens: ``f``, a share, and ``c_px``, px;
+    as its maker knows it where that calibration does not say."""
+    cov = values.uncertainty.get(name, {}).get("lens_cov")
+    if cov is None:
+        usual = LensPrior()
+        return {"f": usual.focal, "c_px": usual.centre_px}
+    sigma = np.sqrt(np.diag(np.asarray(cov, dtype=float))[_LENS])
+    return {"f": float(sigma[0]), "c_px": float(max(sigma[2:4]))}
 
 
 def found_size(values: RunValues, name: str, target: str) -> Mapping[str, float] | None:

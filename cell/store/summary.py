@@ -14,6 +14,7 @@ from cell.store.runs import altered_in, load_run
 LEFT_OUT = "left_out"
 MAX_ITEM_CHARACTERS = 2000  # of JSON: a covariance (6, 6) is half of it
 MAX_KEYS = 64
+NEEDED = ("result.lens_cov",)  # what jobs go by, however long
 WHOLE = ("schema", "kind", "verdict", "reasons", "warnings")  # what a decision needs, however long
 
 
@@ -56,7 +57,7 @@ def _short(value: Any, where: str, left_out: list[str]) -> Any:
             if left_out[begun:] != [f"{where}.{key}"]:
                 kept[key] = short
         return kept
-    if len(to_json(value)) > MAX_ITEM_CHARACTERS:
+    if where not in NEEDED and len(to_json(value)) > MAX_ITEM_CHARACTERS:
         left_out.append(where)
         return None
     return value

@@ -52,9 +52,14 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     """
     page = DemoPage.on_a_free_port()
     duration, shown = eta_text(steps).split(": ", 1)
-    out(f"Cellward demo on a twin; watch it live on {page.address} (ETA {duration})")
+    if any(not step.objects for step in steps):
+        out(f"Cellward demo on a twin; watch it live on {page.address} (ETA {duration})")
+        say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
+    else:
+        out(
+            "Cellward demo on virtual devices and a virtual clock: no protocol is exercised, and there is no page."
+        )
     say(f"It shows: {shown}.")
-    say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     rows: list[Row] = []
     objects = ObjectSteps(folder, steps)
     scenes = scenes_of([step for step in steps if not step.objects])

@@ -30,7 +30,7 @@ from procedures.hand_eye.judging import BoardSeen
 from procedures.hand_eye.plan import PlacementPlan
 from procedures.hand_eye.record import camera_entry
 from procedures.hand_eye.states import TRANSITIONS, S, State
-from procedures.hand_eye_in_use import solved_lens
+from procedures.hand_eye_in_use import solved_lens, solved_lens_sigma
 
 CAMERA, SETUP, HAND_EYE = "fixed_camera", "eye-to-hand", "T_base_camera"
 
@@ -139,10 +139,14 @@ class CheckCapture(CaptureRun):
         return path
 
     def _camera(self) -> dict[str, Any]:
-        """With the lens that was found together with the pose that is judged; as told where there is none."""
+        """With the lens that was found together with the pose that is judged, and as well as it was found;
+        as told where there is none."""
         told: dict[str, Any] = self.record.header["camera"]
         lens = solved_lens(self.run.values, HAND_EYE, Camera.model_validate(told).intrinsics())
-        return told if lens is None else camera_entry(lens, self.config.sigma_of_camera())
+        if lens is None:
+            return told
+        sigma = self.config.sigma_of_camera() or solved_lens_sigma(self.run.values, HAND_EYE)
+        return camera_entry(lens, sigma)
 
 
 def solve_run(path: Path) -> Envelope:

@@ -36,7 +36,7 @@ class SlotPlaces:
 
         async def take() -> None:
             await self.run.enter(State.FETCH, name)
-            if not self.gripper.holding(_FRESH_S):
+            if not await self.gripped_before():
                 await self._go(lease, name)
                 await self.grip(name)
             await self._leave(lease, name)
@@ -66,6 +66,13 @@ class SlotPlaces:
             return
         await self.gripper.release(timeout)
         raise error("PART_NOT_HELD", f"the gripper closed on nothing at {where}")
+
+    async def gripped_before(self) -> bool:
+        """Whether a step that is taken again has gripped the part already, which is noted."""
+        if not await self._holding():
+            return False
+        self._told(PartState.GRIPPED, "")
+        return True
 
     async def let_go(self) -> None:
         """``PART_NOT_RELEASED`` when the gripper still says that it holds something."""

@@ -191,6 +191,8 @@ class InsertionRun:
         async def take() -> None:
             await run.enter(S.PULL)
             if self.stations.among_slots((await run.arm_state()).T_base_flange):  # taken again
+                if await self.places.gripped_before():  # moved under the force guard alone
+                    return
                 await lease.move_linear(out, self._slow())
             await lease.move_joints(np.array(route.before))
             await lease.move_linear(above)
@@ -199,10 +201,19 @@ class InsertionRun:
 
         await run.take_step("take the part", take, measures=False)
 
+        before: ArmState | None = None
+
         async def draw() -> bool:
-            insertion, before = self.config.insertion, await run.arm_state()
-            length = depth + insertion.clear_m
-            forced = await lease.guarded_move(out, insertion.max_force_n, length, self._slow())
+            """Taken again, it goes on under the load that is there: a guarded move counts from its start."""
+            nonlocal before
+            now = await run.arm_state()
+            before = before or now
+            load = float(np.linalg.norm(now.tcp_force[:3] - before.tcp_force[:3]))
+            left = self.config.insertion.max_force_n - load
+            forced = left <= 0.0
+            if not forced:
+                length = depth + self.config.insertion.clear_m
+                forced = await lease.guarded_move(out, left, length, self._slow())
             self._note_travel(T_slot, before, await run.arm_state())
             return forced
 

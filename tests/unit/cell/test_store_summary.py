@@ -35,6 +35,12 @@ def test_a_summary_has_what_a_decision_and_an_export_need_and_names_the_rest() -
     assert len(json.dumps(subject)) < 4000
 
 
+def test_what_jobs_go_by_is_kept_however_long() -> None:
+    result = large_result()
+    result["result"]["lens_cov"] = [[0.1 / (i + k + 3) for k in range(14)] for i in range(14)]
+    assert summary(result)["result"] == result["result"]
+
+
 def test_warnings_are_kept_however_many_there_are() -> None:
     result = hand_eye_result() | {"warnings": [{"code": "x", "text": "y" * 100}] * 100}
     assert summary(result) == result
