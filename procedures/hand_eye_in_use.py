@@ -39,8 +39,8 @@ def solved_lens(values: RunValues, name: str, told: Intrinsics) -> Intrinsics | 
 
 
 def solved_lens_sigma(values: RunValues, name: str) -> dict[str, float]:
-    """How well the calibration of the camera's pose ``name`` found its lens: ``f``, a share, and ``c_px``, px;
-    as its maker knows it where that calibration does not say."""
+    """How well the calibration of the camera's pose ``name`` found its lens: ``f``, a share, and ``c_px``,
+    px; as its maker knows it where that calibration does not say."""
     cov = values.uncertainty.get(name, {}).get("lens_cov")
     if cov is None:
         usual = LensPrior()

@@ -56,9 +56,7 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
         out(f"Cellward demo on a twin; watch it live on {page.address} (ETA {duration})")
         say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     else:
-        out(
-            "Cellward demo on virtual devices and a virtual clock: no protocol is exercised, and there is no page."
-        )
+        out("Cellward demo on virtual devices and a virtual clock: there is no protocol and no page.")
     say(f"It shows: {shown}.")
     rows: list[Row] = []
     objects = ObjectSteps(folder, steps)
