@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
-from calibration.adjustment.lens_terms import LensPrior
+from calibration.adjustment.lens_terms import LENS, LensPrior
 from cell.calibrated_lens import calibrated_lens
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -16,7 +16,6 @@ from cell.run_values import RunValues
 from procedures.kinematics_in_use import in_use, made_otherwise
 
 HAND_EYE = "T_flange_camera"
-_LENS = slice(6, 14)  # of ``lens_cov``, behind the pose: focal length, aspect, principal point, distortion
 
 
 def require_hand_eye(values: RunValues) -> RigidTransform:
@@ -45,8 +44,9 @@ def solved_lens_sigma(values: RunValues, name: str) -> dict[str, float]:
     if cov is None:
         usual = LensPrior()
         return {"f": usual.focal, "c_px": usual.centre_px}
-    sigma = np.sqrt(np.diag(np.asarray(cov, dtype=float))[_LENS])
-    return {"f": float(sigma[0]), "c_px": float(max(sigma[2:4]))}
+    own = np.diag(np.asarray(cov, dtype=float))[-len(LENS) :]  # behind those of the pose
+    sigma = dict(zip(LENS, np.sqrt(own).tolist(), strict=True))
+    return {"f": sigma["focal"], "c_px": max(sigma["cx"], sigma["cy"])}
 
 
 def found_size(values: RunValues, name: str, target: str) -> Mapping[str, float] | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cell.errors import CellError
-from cell.store.files import read_json
+from cell.store.files import disk_errors, read_json
 from daemon.cli.failures import FAILED
 from daemon.cli.output import say
 from daemon.demo.children import Child, console_script
@@ -38,7 +38,8 @@ class ObjectSteps:
         shown = [scene.steps[-1].job for scene in scenes_of(self.steps)]
         jobs = [word for job in shown for word in ("--job", job)]
         command = [str(console_script("cellward")), "demo", "--fast", "--out", str(self.folder), *jobs]
-        (self.folder / ROWS_FILE).unlink(missing_ok=True)
+        with disk_errors(self.folder):
+            (self.folder / ROWS_FILE).unlink(missing_ok=True)
         say(f"Beside it on virtual devices and a virtual clock: {', '.join(shown)}; see {self._log}")
         with Child("demo on objects", command, self._log, NICE) as self._child:
             yield

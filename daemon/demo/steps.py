@@ -1,7 +1,7 @@
 """What the demo shows: which runs each of its jobs takes, and what happens to the twin around them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from daemon.demo import plc
 from procedures.rehearsal import HeldPoint
@@ -83,15 +83,8 @@ BELT_TRACKING = Step(
     picks=10,
     given_camera=True,
 )
-EYE_TO_HAND = Step(
-    "cone-capture",
-    1,
-    plc.ARM_OK | plc.CAMERA_OK,
-    0,
-    "a fixed camera and a board on the flange",
-    moves_board=True,
-    twin="eye_to_hand",
-    objects=True,
+EYE_TO_HAND = replace(
+    CONE_CAPTURE, text="a fixed camera and a board on the flange", twin="eye_to_hand", objects=True
 )
 EYE_TO_HAND_CHECK = Step(
     "eye-to-hand-check",
@@ -100,19 +93,9 @@ EYE_TO_HAND_CHECK = Step(
     0,
     "that camera's pose and the arm's positioning graded by a target at a known place",
     twin="eye_to_hand",
-    after="cone-capture",
     objects=True,
 )
-RACK = Step(
-    "cone-capture",
-    1,
-    plc.ARM_OK | plc.CAMERA_OK,
-    0,
-    "the camera of the arm before the rack",
-    moves_board=True,
-    twin="rack",
-    objects=True,
-)
+RACK = replace(CONE_CAPTURE, text="the camera of the arm before the rack", twin="rack", objects=True)
 SLOT_INSERTION = Step(
     "slot-insertion",
     9,
@@ -120,7 +103,6 @@ SLOT_INSERTION = Step(
     0,
     "a part into a slot with 0.5 mm of room",
     twin="rack",
-    after="cone-capture",
     removes_board=True,
     objects=True,
 )

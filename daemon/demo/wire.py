@@ -15,6 +15,7 @@ from typing import Any
 
 from cell.errors import CellError, RetryError, error, find_entry
 from cell.interruptions import SILENCES
+from cell.store.files import disk_errors
 from cell.store.ledger import Ledger
 from daemon.cli.failures import FAILED
 from daemon.cli.output import out, say
@@ -63,7 +64,8 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     scenes = scenes_of([step for step in steps if not step.objects])
     with _interrupted_once():
         say(f"Files and logs go to {folder}")
-        folder.mkdir(parents=True, exist_ok=True)
+        with disk_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         with objects.begun():
             rows += _all(scenes, folder, page)
             rows += objects.rows()

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,8 @@ class RunsView:
 
     def _one(self, number: int) -> dict[str, Any]:
         folder = load_run(self._engine.runs, number)
-        row = _row(folder)
         end = _read(folder, "end.json") or {}
+        row = _row(folder, end)
         journal = folder.read_journal()
         shown = {
             **row,
@@ -74,13 +75,14 @@ class RunsView:
             "recipe": folder.info.get("recipe"),
             "tool": tool_on_flange(folder.info),
             "journal": timeline(_newest(journal)),
-            "result": self._result(folder),
+            "result": self._result(folder, row["verdict"]),
             "report": (folder.path / "report.html").exists(),
         }
         running = self._engine.running
         return {**shown, "running": running is not None and running.id == number}
 
-    def _result(self, folder: RunFolder) -> dict[str, Any] | None:
+    def _result(self, folder: RunFolder, verdict: str | None) -> dict[str, Any] | None:
+        """``verdict`` is the one that the run is listed with."""
         path = folder.path / "result.json"
         if not path.exists() or path.stat().st_size > LONGEST_RESULT:
             return None
@@ -88,7 +90,7 @@ class RunsView:
         if result is None:
             return None
         kept = {key: result.get(key) for key in ("kind", "verdict", "reasons", "warnings", "heldout")}
-        if (folder.read_end() or {}).get("verdict") == ALTERED:
+        if verdict == ALTERED:
             kept["verdict"] = ALTERED
         try:
             words = result_text(result, str(path))
@@ -180,15 +182,12 @@ def _newest(journal: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [line for line in left_out if line["kind"] == "header"][-1:] + shown
 
 
-def _row(run: RunFolder) -> dict[str, Any]:
-    end = _read(run, "end.json")
+def _row(run: RunFolder, end: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "run_id": run.run_id,
         "job": run.job,
         "started": run.info.get("started"),
-        "ended": (end or {}).get("ended"),
-        "outcome": (end or {}).get("outcome"),
-        "verdict": (end or {}).get("verdict"),
+        **{key: end.get(key) for key in ("ended", "outcome", "verdict")},
     }
 
 

@@ -105,7 +105,7 @@ class AxbcAnswer(Part):
     cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
     mean: Pose = Field(
         description="The standard of the published method: plain mean of `A^-1 C B^-1`, with C as given also "
-        "where it is blamed or in doubt. All other figures are then told with the place that was found."
+        "where it is blamed or in doubt. Figures of ways and positioning go by the place that was found then."
     )
     eval: PoseSize = Field(description="The given hand-eye against the standard.")
     eval_sigma: PoseSize = Field(description="How well the standard knows that.")

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, cast
 from cell.errors import CellError
 from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
-from cell.store.runs import altered_in, result_altered
+from cell.store.runs import altered_in
 from cell.store.signatures import Checked, check_signatures
 
 JOURNAL_FILE = "journal.jsonl"
@@ -78,7 +78,7 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
 
 def _altered(folder: Path, source: Source[Any]) -> bool:
     try:
-        altered = result_altered(folder, source.end)
+        altered = altered_in(folder)
     except CellError as exc:
         source.missing.append(str(exc))
         return False

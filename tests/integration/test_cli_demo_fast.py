@@ -62,3 +62,9 @@ def test_the_fast_demo_samples_an_arm_with_a_stored_set(
     assert "15 poses of this run, 3 of them set aside, solved together with a stored set of 40 poses" in shown
     assert "consistent with the promise" in shown
     assert "NOT consistent" not in shown
+
+
+def test_the_fast_demo_grades_a_fixed_camera(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the lens that its calibration found, which is not known exactly."""
+    assert run_fast(folder, steps_of(["eye-to-hand-check"])) == 0
+    assert "NOT consistent" not in capsys.readouterr().out

@@ -5,7 +5,6 @@ import importlib.util
 import os
 import shutil
 import ssl
-import subprocess
 import tty
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -20,6 +19,7 @@ from cell.errors import CellError
 from cell.testing.taken_again import play
 from tests.integration.modbus_inputs_rig import HOST, Board, make, newest, opened, with_identity
 from tests.integration.ur_driver_rig import own_pauses, untouched
+from tests.kit.certificates import authority, certificate
 
 pytestmark = pytest.mark.wire
 needs_pyserial = pytest.mark.skipif(
@@ -172,18 +172,10 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An authority, a certificate for ``module.cell`` and one for a client, and somebody else's authority."""
     folder = tmp_path_factory.mktemp("keys")
 
-    def openssl(*words: str) -> None:
-        subprocess.run(["openssl", *words], check=True, capture_output=True, timeout=20, cwd=folder)
-
-    new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
     for name in ("ca", "other"):
-        openssl("req", "-x509", *new, "-days", "2", "-subj", f"/CN={name}", "-keyout", f"{name}.key",
-                "-out", f"{name}.pem")  # fmt: skip
-    (folder / "names").write_text("subjectAltName=DNS:module.cell\n")
+        authority(folder, name)
     for name in ("module", "client"):
-        openssl("req", *new, "-subj", f"/CN={name}", "-keyout", f"{name}.key", "-out", f"{name}.csr")
-        openssl("x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial",
-                "-days", "2", "-extfile", "names", "-out", f"{name}.pem")  # fmt: skip
+        certificate(folder, name, "ca", "module.cell")
     return folder
 
 

@@ -2,7 +2,6 @@
 
 import shutil
 import ssl
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from pymodbus.client import ModbusTcpClient, ModbusTlsClient
 from cell.errors import CellError
 from daemon.config import ModbusSection
 from daemon.modbus.tls import tls_context
+from tests.kit.certificates import authority, certificate
 from tests.unit.daemon.test_modbus_clients import serve
 
 pytestmark = [
@@ -26,18 +26,10 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An authority with certificates for the cell and its PLC, and somebody else's authority with one."""
     folder = tmp_path_factory.mktemp("keys")
 
-    def openssl(*words: str) -> None:
-        subprocess.run(["openssl", *words], check=True, capture_output=True, timeout=20, cwd=folder)
-
-    new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-    for authority, names in (("ca", ("cell", "plc")), ("other", ("stranger",))):
-        openssl("req", "-x509", *new, "-days", "2", "-subj", f"/CN={authority}",
-                "-keyout", f"{authority}.key", "-out", f"{authority}.pem")  # fmt: skip
-        for name in names:
-            openssl("req", *new, "-subj", f"/CN={name}", "-keyout", f"{name}.key", "-out", f"{name}.csr")
-            openssl("x509", "-req", "-in", f"{name}.csr", "-CA", f"{authority}.pem",
-                    "-CAkey", f"{authority}.key", "-CAcreateserial", "-days", "2",
-                    "-out", f"{name}.pem")  # fmt: skip
+    for name, signed in (("ca", ("cell", "plc")), ("other", ("stranger",))):
+        authority(folder, name)
+        for each in signed:
+            certificate(folder, each, name)
     return folder
 
 

@@ -298,3 +298,60 @@ def test_a_step_of_an_insertion_that_a_silence_interrupts_begins_anew(
         assert ran.in_slot(1) == NEW_PART
 
     run_of(config(tmp_path), look, prepare)
+
+
+def test_a_pull_that_a_silence_interrupts_counts_its_force_from_the_beginning(tmp_path: Path) -> None:
+    """A part on a spring of 2500 N/m, which a guarded move that began anew would take for nothing."""
+    felt = [0.0]
+
+    def prepare(cell: ObjectCell) -> None:
+        give_hand_eye(cell)
+        rack = rack_of(cell)
+        seated = rack.T_base_part(OLD_PART, 0.0).translation
+
+        def sprung(t: float) -> tuple[np.ndarray, np.ndarray]:
+            at = rack.T_base_part(OLD_PART, t).translation
+            force = 2500.0 * (seated - at)
+            if felt[0] < 15.0 <= np.linalg.norm(force):
+                asyncio.get_running_loop().call_soon(
+                    cell.plant.controller.inject, "silence", {"duration_s": 0.4}
+                )
+            felt[0] = max(felt[0], float(np.linalg.norm(force)))
+            return force, at
+
+        rack.force = sprung  # type: ignore[method-assign]
+
+    def look(ran: Ran) -> None:
+        assert ran.result is not None
+        assert [again["step"] for again in ran.result["inputs"]["steps_taken_again"]] == ["pull the part"]
+        assert ran.answer["states"][-2:] == ["jammed", "released"]
+        assert felt[0] < 35.0, "max_force_n is 30, and the arm takes a moment to stop"
+        assert ran.answer["force_n"] == pytest.approx(felt[0], abs=4.0)
+
+    run_of(config(tmp_path, action="pull", slot=2), look, prepare)
+
+
+@pytest.mark.soak
+def test_a_part_that_is_gripped_in_a_silence_is_moved_under_the_force_guard_alone(tmp_path: Path) -> None:
+    def prepare(cell: ObjectCell) -> None:
+        give_hand_eye(cell)
+        gripper = cell.plant.world.gripper
+        assert gripper is not None
+        command = gripper.command
+
+        def in_silence(t: float, close: bool) -> None:
+            """The fingers close while nothing is heard of them."""
+            gripper.command = command  # type: ignore[method-assign]
+            command(t, close)
+            cell.plant.controller.inject("silence", {"duration_s": 0.4})
+
+        gripper.command = in_silence  # type: ignore[method-assign]
+
+    def look(ran: Ran) -> None:
+        assert ran.answer["states"] == ["none", "gripped", "released"]
+        journal = ran.cell.journal(ran.run)
+        (again,) = (i for i, line in enumerate(journal) if line.get("event") == "step taken again")
+        moves = [line["event"] for line in journal[again:] if line["kind"] == "motion"]
+        assert moves[0] == "guarded_move"
+
+    run_of(config(tmp_path, action="pull", slot=2), look, prepare)
