@@ -27,6 +27,7 @@ JOBS = (
     "belt-tracking",
     "touch-test",
     "eye-to-hand-check",
+    "slot-insertion",
 )
 # The example's speeds are for calibrating; picking needs more, as its finding says. Its total station has no
 # plan within the limits of tracker-sampling, as its finding says, too.

@@ -111,6 +111,50 @@ class KnownGripper:
 
 
 @dataclass(frozen=True)
+class KnownMarker:
+    """A printed marker beside each slot of a rack: ``id`` at the first one, one more at each next one."""
+
+    dictionary: str
+    id: int
+    size_m: float
+    T_slot_marker: Pose
+    sigma_m: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True)
+class KnownRack:
+    """Slots in rows and columns, and a part that fits into each; the rack's z leads into them.
+
+    ``opening_m`` and ``part_m`` are width, height and, of the part, length. ``T_flange_part`` is the middle
+    of the front of a part that is gripped, ``grasp_m`` before the tool's point. A part is in slot
+    ``filled``; another one is gripped with the arm at joints ``q_fetch``, or is put into the gripper by a
+    person when ``handed``. The sigmas are those of the rack's place and of the part's in the gripper, of
+    each axis.
+    """
+
+    T_base_rack: Pose
+    rows: int
+    columns: int
+    row_pitch_m: float
+    column_pitch_m: float
+    opening_m: tuple[float, float]
+    chamfer_m: float
+    depth_m: float
+    part_m: tuple[float, float, float]
+    T_flange_part: Pose
+    grasp_m: float
+    sigma_m: float
+    sigma_rad: float
+    part_sigma_m: float
+    part_sigma_rad: float
+    filled: int | None = None
+    q_fetch: Sequence[float] | None = None
+    handed: bool = False
+    marker: KnownMarker | None = None
+
+
+@dataclass(frozen=True)
 class KnownCell:
     """The arm with its tool, and the parts that one job needs.
 
@@ -126,4 +170,7 @@ class KnownCell:
     tracker: KnownTracker | None = None
     belt: KnownBelt | None = None
     gripper: KnownGripper | None = None
-    parts: tuple[str, ...] = field(default=("camera", "beams", "tracker", "belt", "gripper"), init=False)
+    rack: KnownRack | None = None
+    parts: tuple[str, ...] = field(
+        default=("camera", "beams", "tracker", "belt", "gripper", "rack"), init=False
+    )

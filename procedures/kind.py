@@ -206,6 +206,7 @@ _ALL = (
         report="procedures.slot.report:SLOT",
         expectation="procedures.slot.expectation:slot_expectation",
         truth="procedures.slot.truth:judge_slot",
+        rehearsal="procedures.slot.rehearsal:rehearse_slot",
         arguments=(Argument("slot", 1), Argument("action", 2, words=("insert", "pull", "replace"))),
     ),
     Kind(

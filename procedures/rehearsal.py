@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.known_cell import KnownBeams, KnownBelt, KnownCamera, KnownGripper, KnownTracker
+from cell.known_cell import KnownBeams, KnownBelt, KnownCamera, KnownGripper, KnownRack, KnownTracker
 from procedures.setup import Setup
 
 
@@ -14,10 +14,11 @@ class Rehearsal:
     """The parts of the cell that the job meets, as its configuration tells them.
 
     ``look`` is the name of the pose at which the arm stands before the job. ``before`` are jobs that it needs
-    the results of. ``moves_board``: the operator places the target anew at each prompt; ``bumps_tool``: the
-    tool is hit just before the job; after ``items`` the job is finished, 0: it ends by itself. ``held``: how
-    a person brings the tool's point over corners of the target, which was moved on before.
-    ``calibrated_camera``: a calibration of the fixed camera is in effect before.
+    the results of, and whose camera it looks through where it names none. ``moves_board``: the operator
+    places the target anew at each prompt; ``bumps_tool``: the tool is hit just before the job; after
+    ``items`` the job is finished, 0: it ends by itself. ``held``: how a person brings the tool's point over
+    corners of the target, which was moved on before. ``calibrated_camera``: a calibration of the fixed
+    camera is in effect before.
     """
 
     look: str
@@ -26,6 +27,7 @@ class Rehearsal:
     tracker: KnownTracker | None = None
     belt: KnownBelt | None = None
     gripper: KnownGripper | None = None
+    rack: KnownRack | None = None
     before: tuple[str, ...] = ()
     moves_board: bool = False
     bumps_tool: bool = False
@@ -75,6 +77,13 @@ def target(setup: Setup, name: str) -> tuple[Mapping[str, Any], dict[str, float]
     section = dict(setup.values.targets[name])
     stated = {key: float(section[key]) for key in ("scale_sigma", "flatness_m") if section.get(key)}
     return section, stated
+
+
+def gripper(setup: Setup, place_clear: str | None = None) -> KnownGripper:
+    """The cell's own, on outputs of the arm whatever drives it."""
+    section = setup.devices[setup.roles["gripper"]]
+    confirm = getattr(section, "confirm", None)
+    return KnownGripper(int(getattr(section, "output", 0)), confirm, place_clear)
 
 
 def cannot(why: str) -> CellError:

@@ -8,6 +8,7 @@ import asyncio
 import importlib
 import logging
 import time
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from dataclasses import asdict
@@ -41,6 +42,7 @@ from daemon.worker import InlineWorker
 from procedures.registry import JOBS
 
 READY_S = 30.0
+MOST_ASKED = 5  # a prompt that comes again with the same words asks for what this operator cannot do
 POLL_S = 0.1
 WHO = "the demo"
 STATE = "fast-state"  # as in fast_*.toml
@@ -128,27 +130,34 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
         say("the tool was bumped")
     if step.held is not None:
         world.operator.move_on(clock.now())
+    if step.part_in_hand:
+        world.gripper.give(clock.now(), world.rack.hand(clock.now()))
+        say("a part was put into the gripper")
     if step.removes_board:
         world.operator.remove(clock.now())
         say("the board was taken away")
     run_id: int = (await engine.start(StartRequest(step.job, {}, WHO, "demo")))["run_id"]
     placement, finished = 0, False
+    asked: Counter[str] = Counter()
     with ProgressBar() as bar:
         while (status := engine.status())["run_id"] == run_id:
             if step.picks and status["live"].get("picks", 0) >= step.picks and not finished:
                 finished = True
                 await engine.finish(WHO)
             bar.show(f"{step.job}, run {run_id}", status["step"], status["steps"])
-            if status["prompt"] is not None:
+            if (prompt := status["prompt"]) is not None and asked[prompt["text"]] == MOST_ASKED:
+                await engine.abort(WHO)
+            elif prompt is not None:
+                asked[prompt["text"]] += 1
                 if step.moves_board:
-                    placement += 1
+                    placement = min(placement + 1, world.operator.placements)
                     world.operator.confirm(placement - 1, clock.now())
                     say(f"the operator put the board at place {placement}")
                 if step.held is not None:
                     corner, gauge_m, hand_m = status["live"]["corner"], step.held.gauge_m, step.held.hand_m
                     there = world.bring_over(clock.now(), int(corner), gauge_m, hand_m)
                     await clock.sleep(there - clock.now())
-                await engine.confirm(status["prompt"]["id"], WHO)
+                await engine.confirm(prompt["id"], WHO)
                 say("the operator confirmed")
             await clock.sleep(POLL_S)
     return run_id

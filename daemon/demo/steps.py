@@ -35,6 +35,7 @@ class Step:
     picks: int = 0  # after so many the PLC finishes the job
     after: str | None = None  # the job whose result it needs
     held: HeldPoint | None = None  # a person brings the tool's point over corners of the board
+    part_in_hand: bool = False  # a person puts a part into the gripper before
     removes_board: bool = False  # the board is taken away before
     objects: bool = False
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration

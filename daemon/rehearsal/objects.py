@@ -60,8 +60,10 @@ def rehearsed_cell(
     on_flange = present(asked_tool(config, job, tool, needed=True), "tool")
     rehearsal = rehearsal_of(config, job, on_flange)
     before = [rehearsal_of(config, name, on_flange) for name in rehearsal.before]
+    if rehearsal.camera is None and before:
+        rehearsal = replace(rehearsal, camera=before[0].camera)
     if rehearsal.held is not None:
-        rehearsal = replace(rehearsal, camera=_with_place(rehearsal.held, before[0].camera))
+        rehearsal = replace(rehearsal, camera=_with_place(rehearsal.held, rehearsal.camera))
     twin = cast(Twin, importlib.import_module(TWIN))
     try:
         text = twin.likely_scenario(_known(config, rehearsal, on_flange), seed)
@@ -120,6 +122,7 @@ def _known(config: CellConfig, rehearsal: Rehearsal, tool: CellTool) -> KnownCel
         tracker=rehearsal.tracker,
         belt=rehearsal.belt,
         gripper=rehearsal.gripper,
+        rack=rehearsal.rack,
     )
 
 

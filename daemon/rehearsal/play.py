@@ -92,6 +92,7 @@ def steps_of(cell: RehearsedCell) -> list[Step]:
             bump=BUMP if rehearsal.bumps_tool else None,
             picks=rehearsal.items,
             held=rehearsal.held,
+            part_in_hand=rehearsal.rack is not None and rehearsal.rack.handed,
             given_camera=rehearsal.calibrated_camera,
         )
         for job, rehearsal in zip(cell.jobs, cell.rehearsals, strict=True)
@@ -148,11 +149,13 @@ def _outcome_of(run: RunFolder) -> str | None:
 def _failed(run: RunFolder, seed: int, first: str = "") -> RehearsedRun:
     end = run.read_end() or {}
     failure = end.get("error") or {}
+    journal = run.read_journal()
     text = f"{failure.get('text')} ({failure.get('code')}). {failure.get('hint')}" if failure else ""
+    if not failure and (prompts := [line["text"] for line in journal if line.get("event") == "prompt"]):
+        text = f"this was asked again and again, and doing it did not help: {prompts[-1]}"
     why = [sentence for sentence in (first, text) if sentence]
-    return RehearsedRun(
-        seed, str(end.get("outcome", "interrupted")), _seconds(run), why=why, lost=_lost(run.read_journal())
-    )
+    outcome = str(end.get("outcome", "interrupted"))
+    return RehearsedRun(seed, outcome, _seconds(run), why=why, lost=_lost(journal))
 
 
 def _seconds(run: RunFolder) -> float:

@@ -9,7 +9,9 @@ from fakes.likely.arm import believed, draw_arm, draw_tool
 from fakes.likely.beams import draw_beams
 from fakes.likely.belt import draw_belt, draw_gripper
 from fakes.likely.camera import draw_camera
+from fakes.likely.rack import draw_rack
 from fakes.likely.tracker import draw_tracker
+from fakes.world.arm.truth import ArmTruth
 from fakes.world.scenario import SCHEMA, Scenario
 from fakes.world.toml_text import to_toml
 
@@ -34,7 +36,7 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     room where the configuration wants it.
     """
     # One generator a part: what one part draws changes nothing of the others.
-    rngs = dict(zip(("arm", *known.parts), np.random.default_rng(seed).spawn(6), strict=True))
+    rngs = dict(zip(("arm", *known.parts), np.random.default_rng(seed).spawn(7), strict=True))
     arm = believed(known)
     world: dict[str, Any] = {
         "seed": seed,
@@ -53,6 +55,8 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
         if known.gripper.place_clear is not None:
             world["place"] = {"input": known.gripper.place_clear}
+    if known.rack is not None:
+        world["rack"] = draw_rack(known.rack, ArmTruth.model_validate(world["arm"]), seed, rngs["rack"])
     text = to_toml({"schema": SCHEMA, "world": world})
     Scenario.parse(text, "the likely cell")
     return text

@@ -19,7 +19,6 @@ from scipy.spatial.transform import RigidTransform
 from cell.errors import error
 from cell.poses import Array, compose, from_pose6, to_pose6
 from fakes.world.arm.gauge import serving
-from fakes.world.arm.joint_errors import joint_errors
 from fakes.world.arm.kinematics import LinkDeltas, chain_of, frames_at_zero
 from fakes.world.arm.repeatability import Repeatability
 from fakes.world.arm.reported import Reported
@@ -119,10 +118,8 @@ class World:
 
     def __init__(self, truth: WorldTruth, t0: float) -> None:
         self.config, self.t0 = truth, t0
-        factory = truth.arm.factory.deltas()
-        self.believed = chain_of(*truth.arm.drawing(factory))
-        links = chain_of(*truth.arm.drawing(factory + truth.arm.error.deltas()))
-        self.true = TrueArm(links, joint_errors(truth.arm.joint_errors, links, truth.seed))
+        self.believed = chain_of(*truth.arm.drawing(truth.arm.factory.deltas()))
+        self.true = TrueArm.of(truth.arm, truth.seed)
         robot = truth.arm.serial6()
         if robot is None:
             self.shape = ur_shape(truth.arm.model, self.true)

@@ -3,11 +3,11 @@
 import numpy as np
 
 from calibration.kinematics import robot_from_spec
-from cell.known_cell import KnownBelt, KnownCamera, KnownGripper
+from cell.known_cell import KnownBelt, KnownCamera
 from cell.poses import from_pose6
 from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.config import BeltTrackingConfig, ItemLook
-from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, target
+from procedures.rehearsal import Rehearsal, cannot, gripper, joints, needed, nominal, target
 from procedures.setup import Setup
 
 SPEED_M_S = 0.15  # no configuration says how fast a belt runs
@@ -17,9 +17,7 @@ PICKS = 10
 def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
     needed(setup, *job.roles())
-    gripper = setup.devices[setup.roles["gripper"]]
-    output, confirm = int(getattr(gripper, "output", 0)), getattr(gripper, "confirm", None)
-    known = KnownGripper(output, confirm, job.place_clear)
+    known = gripper(setup, job.place_clear)
     look, q = joints(setup, job.wait_pose)
     return Rehearsal(
         look,

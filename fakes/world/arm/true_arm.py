@@ -1,12 +1,15 @@
 """The arm as it truly stands at what its encoders read."""
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
-from fakes.world.arm.joint_errors import JointErrors
-from fakes.world.arm.kinematics import Chain
+from fakes.world.arm.joint_errors import JointErrors, joint_errors
+from fakes.world.arm.kinematics import Chain, chain_of
+from fakes.world.arm.truth import ArmTruth
 
 _TOOL_M = 1.0  # no tool reaches further than that
 
@@ -42,6 +45,12 @@ class TrueArm:
         # A joint that gives way may do so because another one has turned.
         out: Array = levers + self.errors.steepest * (levers.max() + _TOOL_M)
         return out
+
+    @classmethod
+    def of(cls, truth: ArmTruth, seed: int) -> Self:
+        """The arm of a scenario, whose waves of the gears are drawn by ``seed``."""
+        links = chain_of(*truth.drawing(truth.factory.deltas() + truth.error.deltas()))
+        return cls(links, joint_errors(truth.joint_errors, links, seed))
 
     def _actual(self, q: ArrayLike) -> Array:
         q = np.asarray(q, dtype=float)

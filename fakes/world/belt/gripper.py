@@ -74,6 +74,12 @@ class Gripper:
         self._closed = close
         self._due.append((t + (self.truth.close_s if close else self.truth.open_s), close))
 
+    def give(self, t: float, item: int) -> None:
+        """Somebody has the fingers close on ``item``, which is between them at ``t``."""
+        self.settle(t)
+        self._closed, self._due = True, []
+        self._held.append((t, item))
+
     def holds(self, t: float) -> int | None:
         """The item that is held at ``t``, or None."""
         self.settle(t)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from cell.errors import present
 from cell.poses import Array, from_pose6, to_pose6
 from fakes.world.rack.contact import SlotShape, Touch, relaxed, touch
 from fakes.world.rack.truth import RackTruth
@@ -19,6 +20,7 @@ from fakes.world.rack.truth import RackTruth
 PLATE_M = 0.04  # beyond the openings
 _SPAN_S = 0.002  # over which it is seen whether a part goes in or out
 _STANDS_M = 1e-7
+_AWAY_M = 100.0  # in the hands of a person, and nowhere near
 _IN_SLOT_M = 0.005  # across: a part nearer than this to a slot's axis is in it
 
 
@@ -49,6 +51,10 @@ class Rack:
             if part.slot is not None:
                 T = self._slot[part.slot - 1] @ _along(truth.depth_m)
             self._places[number] = [RackPlace(t, False, T, self._slot_at(T))]
+        self.handed = None if truth.handed is None else from_pose6(truth.handed)
+        self._in_hands = len(truth.parts)
+        if self.handed is not None:
+            self._places[self._in_hands] = [RackPlace(t, False, _along(-_AWAY_M))]
 
     @property
     def slots(self) -> int:
@@ -86,6 +92,12 @@ class Rack:
     def take(self, number: int, t: float) -> None:
         """From ``t`` on the part moves with the flange."""
         self._put(number, RackPlace(t, True, np.linalg.inv(self._flange(t)) @ self._part(number, t)))
+
+    def hand(self, t: float) -> int:
+        """From ``t`` on the handed part is in the gripper; returns its number."""
+        T = present(self.handed, "handed part").as_matrix()
+        self._put(self._in_hands, RackPlace(t, True, T))
+        return self._in_hands
 
     def let_go(self, number: int, t: float) -> None:
         """From ``t`` on the part stays where it is; in a slot it springs back from what it was pressed to."""

@@ -51,6 +51,10 @@ class RackTruth(Strict):
     part_m: Three = Field(default=[0.040, 0.020, 0.1])
     grasp_m: float = Field(default=0.08, gt=0, le=1)
     parts: list[PartTruth] = Field(default=[])
+    handed: Six | None = Field(
+        default=None,
+        description="one more part, which a person puts into the gripper: its front in the flange",
+    )
     blocked: dict[str, float] = Field(
         default={}, description="by number of a slot: how deep something is in it that nobody sees, m"
     )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cell.clock import MonotonicClock
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.poses import from_pose6, log_xi
 from cell.store.runs import RunFolder
 from daemon.config import load_config
@@ -19,6 +19,7 @@ from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
 from daemon.rehearsal.play import RehearsedRun, rehearse, steps_of
 from daemon.rehearsal.words import outcome_lines, summary_lines
 from fakes.world.scenario import Scenario
+from fakes.world.world import Operator, World
 from procedures.documents import kind_named
 from procedures.registry import SHIPPED
 from tests.kit.cli_harness import CommandLine
@@ -80,6 +81,7 @@ def test_a_capture_is_rehearsed_on_a_twin_of_the_example(
         ("belt-tracking", {"camera", "belt", "items", "gripper"}),
         ("touch-test", {"camera", "target"}),
         ("eye-to-hand-check", {"camera", "target"}),
+        ("slot-insertion", {"camera", "target", "gripper", "rack"}),
     ],
 )
 def test_a_twin_has_what_its_job_meets_and_no_address_of_the_cell(
@@ -89,7 +91,7 @@ def test_a_twin_has_what_its_job_meets_and_no_address_of_the_cell(
     subject = rehearsed_cell(load_config(path), path, job, 1, tmp_path)
     world = Scenario.load(tmp_path / "scenario.toml").world
     present = {name for name in ("camera", "target", "beams", "io", "tracker") if getattr(world, name)}
-    present |= {name for name in ("reflectors", "belt", "items", "gripper") if getattr(world, name)}
+    present |= {name for name in ("reflectors", "belt", "items", "gripper", "rack") if getattr(world, name)}
     assert parts <= present
     assert subject.jobs[-1] == job
     assert subject.config.cell.twin
@@ -186,6 +188,7 @@ def test_a_touch_test_behind_a_capture_of_another_board_or_camera_is_refused(
         ("eye-to-hand-check", {"T_base_camera_nominal": "# T_base_camera"}, "has no T_base_camera_nominal"),
         ("eye-to-hand-check", {'fixed_camera = "belt': '# fixed = "belt'}, "no device for fixed_camera"),
         ("eye-to-hand-check", {'start_pose = "show"': 'start_pose = "home"'}, "give start_pose a pose"),
+        ("slot-insertion", {"[0.0, 0.0, 0.08": "[0.01, 0.0, 0.08"}, "10.000 mm beside the middle line"),
     ],
 )
 def test_what_the_configuration_lacks_is_said(
@@ -202,6 +205,66 @@ def test_what_the_configuration_lacks_is_said(
     with pytest.raises(CellError) as refused:
         rehearsal_of(load_config(path), job)
     assert words in refused.value.detail
+
+
+SLOT = "[job.slot-insertion]"
+FETCH = f'{SLOT}\nfetch_pose = "wait"\nput_down_pose = "place"'
+
+
+@pytest.mark.parametrize(
+    ("replaced", "in_slots", "fetched", "handed"),
+    [
+        ({}, [], False, True),
+        ({SLOT: FETCH}, [], True, False),
+        ({SLOT: f'{SLOT}\naction = "pull"\nput_down_pose = "place"'}, [1], False, False),
+        ({SLOT: f'{FETCH}\naction = "replace"'}, [1], True, False),
+    ],
+)
+def test_parts_are_where_an_insertion_takes_them(
+    replaced: dict[str, str], in_slots: list[int], fetched: bool, handed: bool, tmp_path: Path
+) -> None:
+    path = whole_example(tmp_path, replaced)
+    subject = rehearsed_cell(load_config(path), path, "slot-insertion", 1, tmp_path)
+    scenario = Scenario.load(tmp_path / "scenario.toml")
+    rack, world = present(scenario.world.rack, "rack"), World.from_scenario(scenario)
+    assert [part.slot for part in rack.parts if part.slot is not None] == in_slots
+    assert [step.part_in_hand for step in steps_of(subject)] == [False, handed]
+    assert (rack.handed is not None) == handed
+    # The tool is 0.18 m long, and the part's front 0.08 m before its point.
+    nominal, gripped = from_pose6([0.0, 0.0, 0.26, 0.0, 0.0, 0.0]), None
+    if handed:
+        gripped = from_pose6(present(rack.handed, "handed part"))
+    elif fetched:
+        flange = world.true.forward(subject.config.poses["wait"])
+        gripped = flange.inv() * from_pose6(present(rack.parts[-1].T_base_part, "place of the part"))
+    if gripped is not None:
+        off = log_xi(nominal.inv() * gripped)
+        assert 0.0 < np.linalg.norm(off[:3]) < 5e-4
+        assert 0.0 < np.linalg.norm(off[3:]) < 5e-3
+
+
+def test_an_insertion_is_rehearsed_with_a_part_that_a_person_puts_into_the_gripper(tmp_path: Path) -> None:
+    good_board = {
+        "scale_sigma = 0.0005": "scale_sigma = 0.0001",
+        "flatness_m = 0.0002": "flatness_m = 0.00002",
+        "poses_per_placement = 20": "poses_per_placement = 9",
+    }
+    path = whole_example(tmp_path, FEW | good_board)
+    outcome = rehearse(load_config(path), path, "slot-insertion", 1, tmp_path)
+    assert outcome.ended == "complete", outcome.why
+    assert outcome.stated
+    assert outcome.off
+
+
+def test_a_prompt_that_comes_again_and_again_ends_the_rehearsal_and_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Operator, "confirm", lambda subject, _, t: subject.remove(t))  # nobody has the board
+    path = whole_example(tmp_path, FEW)
+    outcome = rehearse(load_config(path), path, "cone-capture", 1, tmp_path)
+    assert outcome.ended == "stopped"
+    assert not outcome.succeeded
+    assert outcome.why[0].startswith("this was asked again and again, and doing it did not help: ")
 
 
 def test_a_rehearsal_says_how_it_ended_and_what_fell_out() -> None:
@@ -302,13 +365,13 @@ def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path))
-    ran = cellward("rehearse", "slot-insertion", "--out", str(tmp_path / "out"))
+    ran = cellward("rehearse", "corrected-targets", "--out", str(tmp_path / "out"))
     assert ran.code == 2
-    refused = "slot-insertion cannot be rehearsed yet; these jobs can: cone-capture, eye-to-hand-check"
+    refused = "corrected-targets cannot be rehearsed yet; these jobs can: cone-capture, eye-to-hand-check"
     assert refused in ran.err
     assert "Rehearsing" not in ran.err
     page = (Path(__file__).parents[3] / "docs" / "operating.md").read_text("utf-8")
-    listed = page.partition("cannot be rehearsed yet:")[2].partition(".")[0]
+    listed = page.partition("cannot be rehearsed:")[2].partition(".")[0]
     assert set(re.findall(r"`([\w-]+)`", listed)) == {
         name for name, job in SHIPPED.items() if not kind_named(job.kind).rehearsal
     }
