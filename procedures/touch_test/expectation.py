@@ -6,15 +6,18 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from calibration.adjustment.lens_terms import target_prior
 from calibration.targets import make_target
 from cell.calibrations import laser_reference
 from cell.errors import CellError
 from procedures.hand_eye_in_use import HAND_EYE
 from procedures.setup import Setup
 from procedures.touch_test.config import TouchTestConfig
+from procedures.touch_test.judging import SIGMAS
 from procedures.words import mm
 
 _USUAL = 4  # corners
+_FAR_M = 1.0  # from which cameras on a flange do not look at a board
 
 
 def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
@@ -28,12 +31,14 @@ def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
     if job.look_pose not in setup.poses:
         problems.append(f"look_pose = '{job.look_pose}' is not in [poses]; add the pose or name another")
     cautions = _cautions(setup)
-    if target is not None and _size_open(setup, job, target):
+    if target is not None and (nearer := _size_allows_m(setup, job, target)) < _FAR_M:
+        share = target_prior(target).scale
         cautions.append(
-            f"whether stand_off_m = {job.stand_off_m:g} is enough could not be predicted: the size of "
-            f"'{job.target}' is known as a printer's only, which counts more the farther away the board is "
-            f"looked at; measure it and state scale_sigma in [target.{job.target}], or calibrate the camera "
-            "with this board (else the job refuses after its look, before the tool goes down)"
+            f"stand_off_m = {job.stand_off_m:g} is enough only where the camera looks at the board from "
+            f"nearer than {nearer:.2f} m: the size of '{job.target}' is known to {100.0 * share:.2g} % (one "
+            "standard deviation), which counts along the camera's axis by the distance; measure it and state "
+            f"scale_sigma in [target.{job.target}], take a thicker gauge, or calibrate the camera with this "
+            "board (else the job refuses after its look, before the tool goes down)"
         )
     count = _USUAL if job.corners is None else len(job.corners)
     alone = float(np.hypot(job.tool_sigma_m, job.stand_sigma_m / np.sqrt(count)))
@@ -44,10 +49,13 @@ def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
     return {"text": problems[0] if problems else text, "problems": problems, "cautions": cautions}
 
 
-def _size_open(setup: Setup, job: TouchTestConfig, target: Mapping[str, Any]) -> bool:
-    """Whether neither the configuration tells how well the board's size is known, nor the hand-eye will."""
+def _size_allows_m(setup: Setup, job: TouchTestConfig, target: Mapping[str, Any]) -> float:
+    """From how far away a board of so well known a size may be looked at; a hand-eye finds the size of the
+    board that it is made with."""
     captured = [getattr(one, "target", None) for one in setup.jobs if _calibrates_the_camera(one)]
-    return not (job.target in captured or target.get("scale_sigma"))
+    if job.target in captured:
+        return np.inf
+    return job.stand_off_m / (SIGMAS * target_prior(target).scale)
 
 
 def _calibrates_the_camera(section: BaseModel) -> bool:

@@ -35,7 +35,7 @@ FEWEST = 3  # corners, not on a line
 SURE = 1.0 / 300.0  # as often a cell in which nothing is off is said to be off
 CORNER_PX = 0.2  # noise of a corner in a picture, where the look does not show more
 BY_HAND = "point over a corner"
-_SIGMAS = 3.0  # of the height, within which nothing may be met
+SIGMAS = 3.0  # of the height, within which nothing may be met
 _LINE = 0.05  # of the corners' spread: one that is narrower is a line
 _RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
 _NOT_TOLD = (
@@ -75,7 +75,7 @@ def require_clearance(data: TouchData) -> None:
     cov = np.asarray(sum(one for name, one in sources.items() if name != BY_HAND))
     sigma = np.sqrt(np.diag(cov)[2::3])
     k = int(np.argmax(sigma))
-    if (needed := _SIGMAS * float(sigma[k])) > config.stand_off_m:
+    if (needed := SIGMAS * float(sigma[k])) > config.stand_off_m:
         higher = " and clear_m" if needed + LEAST_WAY_DOWN_M > config.clear_m else ""
         raise error(
             "ARGUMENT_INVALID",

@@ -331,24 +331,26 @@ def test_a_reference_of_another_tool_is_none_of_this_one(tmp_path: Path) -> None
         assert len(touch_expectation(known, TouchTestConfig(**HASTY))["cautions"]) == cautions
 
 
-def test_check_says_that_a_stand_off_over_a_board_of_unknown_size_could_not_be_predicted(
-    tmp_path: Path,
-) -> None:
+def test_check_says_from_how_near_a_board_of_badly_known_size_has_to_be_looked_at(tmp_path: Path) -> None:
     setup, job = setup_of(touch_config(tmp_path)), TouchTestConfig(**{**HASTY, "target": "other"})
-    sized = {"other": {**setup.values.targets["board"], "scale_sigma": 0.0002}}
-    bare = {"other": {**setup.values.targets["board"], "scale_sigma": None}}
-    calibrated_with_it = [ConeCaptureConfig(target="other")]
-    for targets, jobs, expected in (
-        (bare, [], True),
-        (bare, [ConeCaptureConfig(target="board")], True),
-        (bare, [ConeCaptureConfig(target="other", setup="eye-to-hand")], True),
-        (bare, calibrated_with_it, False),
-        (sized, [], False),
+    thick = TouchTestConfig(**{**HASTY, "target": "other", "stand_off_m": 0.007, "clear_m": 0.02})
+    board = setup.values.targets["board"]
+    sized, measured, bare = ({"other": {**board, "scale_sigma": sigma}} for sigma in (0.002, 0.0002, None))
+    in_hand, fixed = ConeCaptureConfig(target="other"), ConeCaptureConfig(target="other", setup="eye-to-hand")
+    for touching, targets, jobs, expected in (
+        (job, bare, [], True),
+        (job, sized, [], True),
+        (job, bare, [ConeCaptureConfig(target="board")], True),
+        (job, bare, [fixed], True),
+        (job, bare, [in_hand], False),  # which finds the size
+        (job, measured, [], False),
+        (thick, bare, [], False),  # 7 mm are three standard deviations of what 1.17 m make of 0.2 %
     ):
         known = replace(setup, values=replace(setup.values, targets=targets), jobs=jobs)
-        told = [t for t in touch_expectation(known, job)["cautions"] if "could not be predicted" in t]
+        told = [t for t in touch_expectation(known, touching)["cautions"] if "scale_sigma" in t]
         assert bool(told) is expected
-        assert not told or "measure it and state scale_sigma in [target.other]" in told[0]
+        near = f"from nearer than {job.stand_off_m / 0.006:.2f} m: the size of 'other' is known to 0.2 %"
+        assert not told or near in told[0]
 
 
 def test_a_dry_run_lists_the_corners_as_they_are_seen_and_moves_nothing(tmp_path: Path) -> None:
