@@ -12,11 +12,14 @@ from procedures.setup import Setup
 
 SPEED_M_S = 0.15  # no configuration says how fast a belt runs
 PICKS = 10
+CALIBRATION = "belt-calibration"
 
 
 def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
     needed(setup, *job.roles())
+    calibrating = setup.job(BeltCalibrationConfig)
+    calibrated = calibrating is not None and _by_camera(calibrating)
     known = gripper(setup, job.place_clear)
     look, q = joints(setup, job.wait_pose)
     return Rehearsal(
@@ -25,6 +28,7 @@ def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
         belt=_belt(setup, q, job.belt_z_m, job.items),
         gripper=known,
         items=job.picks or PICKS,
+        before=(CALIBRATION,) if calibrated else (),
         calibrated_camera=True,
     )
 
@@ -32,7 +36,7 @@ def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
 def rehearse_calibration(setup: Setup, job: BeltCalibrationConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
     needed(setup, "arm", "fixed_camera", "belt")
-    if job.source != "camera" or job.belt_z_m is None:
+    if not _by_camera(job) or job.belt_z_m is None:
         raise cannot('source = "touch": the belt is touched by a person, and a twin has none')
     picking = setup.job(BeltTrackingConfig)
     look, q = joints(setup, None if picking is None else picking.wait_pose)
@@ -42,6 +46,10 @@ def rehearse_calibration(setup: Setup, job: BeltCalibrationConfig) -> Rehearsal:
         belt=_belt(setup, q, job.belt_z_m, job.items),
         calibrated_camera=True,
     )
+
+
+def _by_camera(job: BeltCalibrationConfig) -> bool:
+    return job.source == "camera" and job.belt_z_m is not None
 
 
 def _camera(setup: Setup, q: list[float]) -> KnownCamera:

@@ -153,6 +153,22 @@ def test_a_touch_test_comes_after_its_own_capture_and_a_person_holds_the_point(t
 
 
 @pytest.mark.parametrize(
+    ("replaced", "jobs"),
+    [
+        ({}, ("belt-calibration", "belt-tracking")),
+        ({"[job.belt-calibration]": '[job.belt-calibration]\nsource = "touch"'}, ("belt-tracking",)),
+    ],
+)
+def test_picking_comes_after_the_belts_own_calibration_where_a_camera_makes_it(
+    replaced: dict[str, str], jobs: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = whole_example(tmp_path, BELT_SPEEDS | replaced)
+    subject = rehearsed_cell(load_config(path), path, "belt-tracking", 1, tmp_path)
+    assert subject.jobs == jobs
+    assert [step.picks for step in steps_of(subject)][-1] == 10
+
+
+@pytest.mark.parametrize(
     "replaced",
     [
         {
