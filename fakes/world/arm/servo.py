@@ -9,7 +9,11 @@ at that user's 1200).
 
 The speed slider scales the controller's time: below full speed it works off what was sent more slowly than it
 comes, and the arm falls behind for as long as that lasts (Universal_Robots_ROS_Driver pull request 250,
-ur_modern_driver issue 302). A joint that would turn too fast scales it in the same way.
+ur_modern_driver issue 302).
+
+No joint turns faster than its model lets: all joints are slowed until it does not, and the arm falls behind
+for as long as set-points ask for more (the same pull request). servoj has no queue, a cycle goes for the newest
+set-point (ur_modern_driver issue 153), so after one that leaped, as where a PC was late, the arm catches up.
 """
 
 from collections import deque
@@ -36,7 +40,7 @@ class Servo:
         self._line: deque[tuple[float, Array]] = deque()
         self._own = 0.0  # the controller's time on its way through what was sent
         self._at: Array = np.zeros(6)
-        self._scaling = 1.0  # of the latest cycle, by the joints' limits
+        self._scaling = 1.0  # what the joints' limits leave of the latest set-point's speed
 
     def limiting(self, t: float) -> float:
         """What the joints' limits leave of the speed that was wanted at ``t``; 1 while nothing is."""
@@ -49,11 +53,13 @@ class Servo:
         if not self._line or t - self._line[-1][0] > BEGUN_ANEW_S:
             self._line, self._own, self._at = deque([(t - period_s, here)]), t, here
         self._line.append((t, np.array(wanted, dtype=float)))
+        self._own += period_s * fraction
+        (t0, q0), (t1, q1) = self._line[-2], self._line[-1]
+        asked = float(np.max(np.abs(q1 - q0) / ((t1 - t0) * self._fastest)))
+        self._scaling = 1.0 / max(asked * fraction, 1.0)
         step = self._filtered(late_s, period_s * fraction) - self._at
         over = float(np.max(np.abs(step) / (period_s * self._fastest)))
-        self._scaling = 1.0 / max(over, 1.0)
-        self._own += period_s * fraction * self._scaling
-        self._at = self._at + self._scaling * step
+        self._at = self._at + step / max(over, 1.0)
         return self._at
 
     def _filtered(self, late_s: float, passed_s: float) -> Array:

@@ -51,6 +51,21 @@ def test_no_joint_turns_faster_than_its_model_lets_and_that_scales_the_controlle
     assert subject.limiting(2.0) == 1.0
 
 
+@pytest.mark.parametrize("lag", ["delay", "low-pass"])
+def test_after_set_points_that_came_late_the_arm_is_as_late_as_before(lag: Lag) -> None:
+    subject, q = Servo(ServoTruth(lag=lag), fastest_joints("ur10e")), [np.zeros(6)]
+    cycles = round(3.0 / PERIOD_S)
+    for k in range(cycles):
+        t = k * PERIOD_S
+        held = k % 250 < 8 and k > 250  # for 16 ms, twice a second, there is no new one
+        sent = t - PERIOD_S * (k % 250 + 1) if held else t
+        q.append(subject.step(t, q[-1], RATE * sent, LATE_S, PERIOD_S, 1.0))
+    assert np.max(np.abs(np.diff(np.array(q), axis=0)) / PERIOD_S / fastest_joints("ur10e")) <= 1.0 + 1e-9
+    behind = RATE * cycles * PERIOD_S - q[-1]
+    assert np.allclose(behind, RATE * LATE_S, atol=2.0 * PERIOD_S)
+    assert subject.limiting((cycles - 1) * PERIOD_S) == 1.0
+
+
 def test_polynomials_through_a_low_pass_are_what_integrating_them_gives() -> None:
     c = np.array([np.zeros(6), RATE, -0.4 * RATE, 0.3 * RATE])
     sent = Polynomial(1.0, 1.4, 1.0, c)
