@@ -12,8 +12,9 @@ comes, and the arm falls behind for as long as that lasts (Universal_Robots_ROS_
 ur_modern_driver issue 302).
 
 No joint turns faster than its model lets: all joints are slowed until it does not, and the arm falls behind
-for as long as set-points ask for more (the same pull request). servoj has no queue, a cycle goes for the newest
-set-point (ur_modern_driver issue 153), so after one that leaped, as where a PC was late, the arm catches up.
+for as long as set-points ask for more (the same pull request). servoj has no queue, a cycle goes for the
+newest set-point (ur_modern_driver issue 153): after one that leaped, as where a PC was late, the arm catches
+up.
 """
 
 from collections import deque
