@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from cell.store.ledger import Ledger
@@ -16,7 +17,13 @@ class RecentWrites:
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self._lines: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._listeners: list[Callable[[], None]] = []
         self.number = 0
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call ``listener`` after every line, in the thread that wrote it; what is returned ends that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
 
     def audit(self, channel: str) -> Audit:
         """What audits one channel; called in threads."""
@@ -28,6 +35,8 @@ class RecentWrites:
                 self.number += 1
                 line = {"channel": channel, "who": who, "what": what, "accepted": accepted, "detail": detail}
                 self._lines.append({"number": self.number, "at": time.time(), **line})
+                for listener in tuple(self._listeners):
+                    listener()
 
         return note
 

@@ -1,6 +1,8 @@
 """The state of the cell as every page gets it: one JSON object, of which the page is a function."""
 
+import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import version
 from typing import Any
 
@@ -22,7 +24,21 @@ class PageState:
         self._version = version("cellward")
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
-        return self._engine.subscribe(listener)
+        """After every change of the engine, and after every write that was asked for: one that was refused
+        changes nothing, and who looks at the page has to see it all the same."""
+        loop = asyncio.get_running_loop()
+
+        def written() -> None:
+            with suppress(RuntimeError):  # the loop is closed: nobody looks any more
+                loop.call_soon_threadsafe(listener)
+
+        ends = self._engine.subscribe(listener), self._writes.subscribe(written)
+
+        def end() -> None:
+            for each in ends:
+                each()
+
+        return end
 
     def close(self) -> None:
         self._pace.close()
