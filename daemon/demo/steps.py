@@ -45,8 +45,8 @@ CONE_CAPTURE = Step(
     "cone-capture",
     1,
     plc.ARM_OK | plc.CAMERA_OK,
-    115,
-    "3 placements of the board, 12 arm poses each, with the errors of an ordinary arm, lens and print",
+    90,
+    "3 placements of the board, 10 arm poses each, with the errors of an ordinary arm, lens and print",
     moves_board=True,
     twin="workshop",
 )
@@ -54,7 +54,7 @@ LASER_REFERENCE = Step(
     "laser-reference",
     2,
     plc.ARM_OK | plc.BEAMS_OK,
-    125,
+    115,
     "the good tool through both beams, at two places each",
 )
 LASER_UPDATE = Step(
@@ -78,7 +78,7 @@ BELT_TRACKING = Step(
     "belt-tracking",
     7,
     plc.ARM_OK | plc.CAMERA_OK | plc.ENCODER_OK,
-    75,
+    50,
     "10 items picked from a moving belt",
     twin="picking",
     picks=10,
