@@ -1,14 +1,16 @@
 """The jobs as the page's start screen lists them, what is expected of one, and where the arm is."""
 
 import asyncio
-from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
 from cell.errors import CellError, error
 from cell.procedure import Worker
+from cell.store.runs import ALTERED, altered_in
 from daemon.engine import Engine
 from daemon.job_config import make_procedure
 from daemon.predictions import prediction_of
@@ -46,6 +48,7 @@ class JobsView:
         self._visitors.require_look(request)
         engine = self._engine
         runs = await asyncio.to_thread(engine.ledger.runs, LOOKED_BACK)
+        newest = await asyncio.to_thread(_newest, runs, engine.runs)
         found = []
         for one in startables(engine.context.config, engine.jobs):
             own = [run for run in runs if run["job"] == one.job]
@@ -55,7 +58,7 @@ class JobsView:
                     **asdict(one),
                     "configured": one.recipe or self._configured(one.job),
                     "obstacle": obstacle.as_dict() if obstacle is not None else None,
-                    "last": _shown(own[0]) if own else None,
+                    "last": newest.get(one.job),
                     "seconds": _seconds(own),
                 }
             )
@@ -110,8 +113,17 @@ class JobsView:
         return json_answer(self._engine.joints())
 
 
-def _shown(run: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: run[key] for key in ("run_id", "started", "ended", "outcome", "verdict", "who")}
+def _newest(runs: list[dict[str, Any]], folders: Path) -> dict[str, dict[str, Any]]:
+    """The newest of ``runs`` of each job, with the verdict that its own files have now."""
+    found: dict[str, dict[str, Any]] = {}
+    for run in runs:
+        if run["job"] not in found:
+            shown = {key: run[key] for key in ("run_id", "started", "ended", "outcome", "verdict", "who")}
+            with suppress(CellError):  # a folder that is gone: the ledger's own word
+                if run["folder"] and altered_in(folders / run["folder"]):
+                    shown["verdict"] = ALTERED
+            found[run["job"]] = shown
+    return found
 
 
 def _seconds(runs: list[dict[str, Any]]) -> float | None:

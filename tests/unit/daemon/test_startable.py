@@ -1,5 +1,6 @@
 """What the page offers to start in a cell with several tools, and with recipes."""
 
+import asyncio
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -67,6 +68,13 @@ def test_one_tool_alone_leaves_no_choice(tmp_path: Path) -> None:
     )
 
 
+def write_altered(folder: Path) -> None:
+    """A run whose result is not the one that it ended with."""
+    folder.mkdir()
+    (folder / "result.json").write_text("{}", "utf-8")
+    (folder / "end.json").write_text(json.dumps({"result_sha256": 64 * "0"}), "utf-8")
+
+
 def test_the_page_lists_them_and_predicts_for_the_tool_that_was_chosen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -82,6 +90,10 @@ def test_the_page_lists_them_and_predicts_for_the_tool_that_was_chosen(
             assert listed["laser-reference"]["obstacle"] is None, "with one of the tools it can be started"
             assert "no reference for this tool" in listed["any"]["obstacle"]["text"]
             assert (listed["quick"]["configured"], listed["quick"]["last"]["run_id"]) == (True, 7)
+            assert listed["quick"]["last"]["verdict"] is None
+            await asyncio.to_thread(write_altered, cell.engine.runs / "folder")
+            listed = {one["name"]: one for one in json.loads((await subject.jobs(request)).body)}
+            assert listed["quick"]["last"]["verdict"] == "altered", "the ledger does not know"
             with pytest.raises(CellError, match="tool=gripper or tool=needle"):
                 await subject.expected(request)
             for tool in BOTH:
