@@ -2,7 +2,6 @@
 
 import asyncio
 from typing import TypeVar
-from weakref import WeakKeyDictionary
 
 from cell.clock import Clock
 from cell.errors import error
@@ -92,13 +91,16 @@ class ObjectCell:
         self.plant(fault.device).inject(fault.kind, fault.args)
 
 
-# A clock belongs to one run, so worlds of different runs never mix and go with their clock.
-_cells: WeakKeyDictionary[Clock, dict[str, ObjectCell]] = WeakKeyDictionary()
+_CELLS = "_object_cells"
 
 
 def cell_of(scenario_path: str, clock: Clock) -> ObjectCell:
-    """The object cell of a scenario (file, or name of a shipped one) on ``clock``; made at first use."""
-    cells = _cells.setdefault(clock, {})
+    """The object cell of a scenario (file, or name of a shipped one) on ``clock``; made at first use.
+
+    A clock belongs to one run, so worlds of different runs never mix. It keeps them itself: in a dictionary
+    beside it, however weak, each cell would keep its clock alive, and that the cell.
+    """
+    cells: dict[str, ObjectCell] = vars(clock).setdefault(_CELLS, {})
     if scenario_path not in cells:
         cells[scenario_path] = ObjectCell(Scenario.load(scenario_path), clock)
     return cells[scenario_path]

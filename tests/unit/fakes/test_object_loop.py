@@ -1,13 +1,16 @@
 """The virtual loop: hours in milliseconds, real waits only for real work."""
 
 import asyncio
+import gc
 import socket
 import threading
 import time
+import weakref
 
 import pytest
 
 from fakes.object import DeadlockError, VirtualClock, VirtualTimeLoop, run_virtual
+from fakes.object.registry import world_of
 
 
 def test_sleeping_takes_no_real_time() -> None:
@@ -131,3 +134,12 @@ def test_the_clock_can_be_made_before_the_loop_and_read_after_it() -> None:
 
     run_virtual(scene())
     assert clock.now() == begin + 2.5
+
+
+def test_a_world_goes_with_the_clock_of_its_run() -> None:
+    clock = VirtualClock()
+    world = weakref.ref(world_of("hand_eye", clock))
+    assert world_of("hand_eye", clock) is world()
+    del clock
+    gc.collect()
+    assert world() is None
