@@ -14,11 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
 from cell.poses import Array
+from fakes.cubic_spline import weights
 from fakes.frames.boxes import Box, BoxPainter
 from fakes.frames.plates import Image, Plate
 from fakes.frames.stereo import stereo_depth
@@ -334,10 +334,11 @@ def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[
     nodes = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
     xy = cv2.undistortPointsIter(nodes, K, dist, None, None, criteria).reshape(len(v), len(u), 2)
-    fine_u, fine_v = ((np.arange(n * ss) - (ss - 1) / 2) / ss for n in size)
-    rays = np.ones((len(fine_v), len(fine_u), 3), np.float32)
+    fine = ((np.arange(n * ss) - (ss - 1) / 2) / ss for n in size)
+    of_u, of_v = (weights(len(w), at / _STEP + 2.0) for w, at in zip((u, v), fine, strict=True))
+    rays = np.ones((len(of_v), len(of_u), 3), np.float32)
     for k in (0, 1):
-        rays[..., k] = RectBivariateSpline(v, u, xy[..., k])(fine_v, fine_u)
+        rays[..., k] = of_v @ xy[..., k] @ of_u.T
     return rays
 
 

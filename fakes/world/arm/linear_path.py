@@ -4,10 +4,10 @@ A real-time loop spreads the samples over its cycles; whoever has time takes the
 """
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array
+from fakes.cubic_spline import coefficients
 from fakes.world.arm.kinematics import Chain, rotation_vector
 from fakes.world.arm.profile import Trapezoid
 from fakes.world.arm.segments import PathMove
@@ -52,5 +52,6 @@ class LinearPath:
 
     def segment(self, t: float, v: float, a: float) -> PathMove:
         """The move from ``t`` on with ``v`` (m/s) and ``a`` (m/s^2) along the way; needs all samples."""
-        spline = CubicSpline(np.linspace(0.0, self.length, self._pieces + 1), np.array(self._joints))
-        return PathMove(t, spline.x, spline.c, Trapezoid(self.length, v, a))
+        knots = np.linspace(0.0, self.length, self._pieces + 1)
+        pieces = coefficients(self.length / self._pieces, np.array(self._joints))
+        return PathMove(t, knots, pieces, Trapezoid(self.length, v, a))

@@ -81,7 +81,7 @@ class JointMove:
 class PathMove:
     """Joints along a spline ``q(s)``, travelled with a profile; a stop is the same path with a ramp.
 
-    ``knots`` (n,) are path lengths, ``coefficients`` (4, n-1, 6) SciPy's cubic pieces, highest power first.
+    ``knots`` (n,) are path lengths, ``coefficients`` (4, n-1, 6) cubic pieces, highest power first.
     ``gone_s`` of the profile were over at ``t0``.
     """
 
