@@ -3,11 +3,14 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from calibration.items import ItemDetector, ItemSpec
-from calibration.targets import make_target
-from cell.calibrated_lens import calibrated_lens
-from cell.devices import Intrinsics
-from drivers.oak.child import Detectors, main
+from cell.collector import without_collector
+
+with without_collector():
+    from calibration.items import ItemDetector, ItemSpec
+    from calibration.targets import make_target
+    from cell.calibrated_lens import calibrated_lens
+    from cell.devices import Intrinsics
+    from drivers.oak.child import Detectors, main
 
 
 def make_items(spec: Mapping[str, Any]) -> Callable[[Intrinsics], ItemDetector]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from cell.collector import without_collector
 from cell.errors import CellError, Reaction
 from fakes.twin.control import ask, default_folder
 from fakes.wire.lifetime import die_with_parent
@@ -219,7 +220,8 @@ def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> No
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy reads them, here and in the camera's process
     # Only here: the other commands answer at once without the libraries that a world needs.
-    from fakes.twin.serve import TwinOptions, serve
+    with without_collector():
+        from fakes.twin.serve import TwinOptions, serve
 
     serve(TwinOptions(scenario, folder, bind, automatic), _announce)
 

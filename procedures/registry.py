@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+from cell.collector import without_collector
 from cell.procedure import Procedure
 from procedures.kind import KINDS, load
 from procedures.outside import installed_jobs, job_class
 
-SHIPPED: dict[str, type[Procedure]] = {j.name: j for kind in KINDS.values() for j in map(load, kind.jobs)}
+with without_collector():  # most of what the program consists of
+    _SHIPPED = [load(job) for kind in KINDS.values() for job in kind.jobs]
+
+SHIPPED: dict[str, type[Procedure]] = {job.name: job for job in _SHIPPED}
 JOBS: dict[str, type[Procedure]] = dict(SHIPPED)
 UNUSABLE: dict[str, str] = {}  # why a job of an installed package cannot be used
 CONFIGURED: dict[str, str] = {}  # "package.module:Class" of the jobs that a configuration names

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from cell.collector import without_collector
 from cell.errors import catalogue, error, find_entry
 from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say
@@ -16,7 +17,8 @@ config_app = typer.Typer(help="About cell.toml.", no_args_is_help=True)
 def run(config: ConfigOption = None) -> None:
     """The daemon, in the foreground; systemd starts it so."""
     path = config_path(config)
-    from daemon.app import main
+    with without_collector():
+        from daemon.app import main
 
     raise typer.Exit(main(path))
 
