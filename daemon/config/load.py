@@ -6,6 +6,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -199,8 +200,10 @@ def check_config(
     )
 
 
+@lru_cache(maxsize=64)
 def device_model(config: type[BaseModel]) -> type[DeviceSection]:
-    """A driver's ``Config`` together with the keys that every device has."""
+    """A driver's ``Config`` together with the keys that every device has. It is kept: to make a model takes
+    longer than to check a section by it."""
     bases: Any = (DeviceSection, config)
     made: type[DeviceSection] = create_model(config.__name__, __base__=bases, __doc__=config.__doc__)
     return made

@@ -1,10 +1,12 @@
 """A scenario: what the twin's world truly is, where its fakes listen, and which faults happen when."""
 
+import copy
 import difflib
 import inspect
 import json
 import tomllib
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib.resources import files
 from itertools import takewhile
 from pathlib import Path
@@ -280,7 +282,7 @@ class Scenario(Strict):
         With ``like`` it says only what differs from that shipped scenario.
         """
         try:
-            tables = _whole(tomllib.loads(text), name)
+            tables = _whole(_tables(text), name)
             if ideal and isinstance(tables.get("world"), dict):
                 tables["world"] = _kinder(tables["world"])
             return cls.model_validate(tables)
@@ -369,7 +371,20 @@ def _whole(tables: dict[str, Any], name: str) -> dict[str, Any]:
             "CONFIG_INVALID", f"{name}: like = {like!r} is not a shipped scenario: {', '.join(known)}"
         )
     text = files("fakes").joinpath("scenarios", f"{like}.toml").read_text("utf-8")
-    return _changed(_whole(tomllib.loads(text), like), tables)
+    return _changed(_whole(_tables(text), like), tables)
+
+
+def _tables(text: str) -> dict[str, Any]:
+    """What the TOML ``text`` says, for the caller to change.
+
+    Who makes cell after cell reads the same scenario each time, and parsing takes most of that.
+    """
+    return copy.deepcopy(_parsed(text))
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str) -> dict[str, Any]:
+    return tomllib.loads(text)
 
 
 def _changed(tables: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
 
@@ -223,21 +223,23 @@ def chain(model: str, deltas: LinkDeltas | None = None) -> Chain:
 
 def chain_of(theta: Array, d: Array, a: Array, alpha: Array) -> Chain:
     """The arm with these Denavit-Hartenberg parameters, (6,) each, rad and m."""
-    frames = frames_at_zero(theta, d, a, alpha)
-    screws = np.empty((JOINTS, 6))
-    for i, here in enumerate(frames[:-1]):
-        axis = here.rotation.as_matrix()[:, 2]
-        screws[i] = [*np.cross(here.translation, axis), *axis]
-    return Chain(screws, frames[-1].as_matrix())
+    frames = _matrices_at_zero(theta, d, a, alpha)
+    axes, points = frames[:-1, :3, 2], frames[:-1, :3, 3]
+    return Chain(np.concatenate([np.cross(points, axes), axes], axis=1), frames[-1])
 
 
 def frames_at_zero(theta: Array, d: Array, a: Array, alpha: Array) -> list[RigidTransform]:
     """The base and the frame after every joint with all joints at zero."""
-    frames = [RigidTransform.identity()]
+    return [RigidTransform(frame) for frame in _matrices_at_zero(theta, d, a, alpha)]
+
+
+def _matrices_at_zero(theta: Array, d: Array, a: Array, alpha: Array) -> Array:
+    """(7, 4, 4) the matrices of :func:`frames_at_zero`."""
+    frames = np.tile(np.eye(4), (JOINTS + 1, 1, 1))
     for i in range(JOINTS):
-        turn = RigidTransform.from_components([0.0, 0.0, d[i]], Rotation.from_rotvec([0, 0, theta[i]]))
-        reach = RigidTransform.from_components([a[i], 0.0, 0.0], Rotation.from_rotvec([alpha[i], 0, 0]))
-        frames.append(frames[-1] * turn * reach)
+        c, s, ca, sa = math.cos(theta[i]), math.sin(theta[i]), math.cos(alpha[i]), math.sin(alpha[i])
+        link = [[c, -s * ca, s * sa, a[i] * c], [s, c * ca, -c * sa, a[i] * s], [0.0, sa, ca, d[i]]]
+        frames[i + 1, :3] = frames[i, :3] @ np.array([*link, [0.0, 0.0, 0.0, 1.0]])
     return frames
 
 
