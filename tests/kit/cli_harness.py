@@ -1,15 +1,32 @@
 """What the tests of the command line share: running it in this process, and a cell on disk."""
 
+import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+import typer.main
 
 from cell.clock import MonotonicClock
 from cell.store.runs import RunFolder
 from daemon.cli import main
 from tests.kit.whole_results import whole
+
+SHELL_DETECTION = "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION"  # typer looks at it as it makes commands
+_make_command = typer.main.get_command
+
+
+def _command_of(app: typer.Typer) -> Any:
+    """Made once: typer makes all commands anew for each command line."""
+    return _kept_command(app, os.environ.get(SHELL_DETECTION))
+
+
+@cache
+def _kept_command(app: typer.Typer, _: str | None) -> Any:
+    return _make_command(app)
 
 
 @dataclass
@@ -34,6 +51,7 @@ class CommandLine:
         self.monkeypatch.setenv("CELLWARD_CONFIG", str(self.config))
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             self.monkeypatch.setenv(name, "1")
+        self.monkeypatch.setattr(typer.main, "get_command", _command_of)
         self.capsys.readouterr()
         code = main()
         captured = self.capsys.readouterr()

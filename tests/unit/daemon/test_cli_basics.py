@@ -12,7 +12,7 @@ import pytest
 
 from cell.errors import catalogue
 from daemon.cli import failures, setup
-from tests.kit.cli_harness import CellOnDisk, CommandLine
+from tests.kit.cli_harness import SHELL_DETECTION, CellOnDisk, CommandLine
 
 COMMANDS = [
     "demo", "init", "run", "check", "status", "watch", "start", "confirm", "finish", "abort", "halt", "pause",
@@ -49,7 +49,7 @@ def test_the_manual_page_has_every_command_and_none_of_roffs_complaints(subject:
 
 
 def test_completion_can_be_shown_for_a_shell(subject: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    monkeypatch.setenv(SHELL_DETECTION, "1")
     done = subject("--show-completion", "bash")
     assert done.code == 0
     assert "_CELLWARD_COMPLETE" in done.out
