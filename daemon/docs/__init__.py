@@ -34,9 +34,9 @@ def generated(jobs: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def stale(jobs: Mapping[str, Any], root: Path = ROOT) -> list[str]:
-    """The files below ``root`` that are not what the code says."""
-    return [name for name, text in generated(jobs).items() if _text(root / name) != text]
+def stale(pages: Mapping[str, str], root: Path = ROOT) -> list[str]:
+    """The files below ``root`` that are not what :func:`generated` says."""
+    return [name for name, text in pages.items() if _text(root / name) != text]
 
 
 def _text(path: Path) -> str | None:

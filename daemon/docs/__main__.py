@@ -11,11 +11,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="daemon.docs", description=__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing")
     check = parser.parse_args().check
-    names = stale(JOBS)
+    pages = generated(JOBS)
+    names = stale(pages)
     for name in names:
         sys.stderr.write(f"{name} {'is stale' if check else 'written'}\n")
         if not check:
-            (ROOT / name).write_text(generated(JOBS)[name], "utf-8")
+            (ROOT / name).write_text(pages[name], "utf-8")
     return 1 if check and names else 0
 
 
