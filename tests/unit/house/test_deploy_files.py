@@ -117,6 +117,11 @@ def test_a_wrong_configuration_is_not_started_again_and_again(subject: Path) -> 
     assert f"RestartPreventExitStatus={BAD_INPUT} {REFUSED}" in subject.read_text().splitlines()
 
 
+def test_the_daemon_is_told_who_asks_at_its_socket(subject: Path) -> None:
+    """In a user namespace of its own every other user is 65534, nobody."""
+    assert not [line for line in subject.read_text().splitlines() if line.startswith("PrivateUsers=")]
+
+
 def test_the_unit_permits_the_priorities_and_the_devices_that_the_daemon_asks_for(subject: Path) -> None:
     lines = subject.read_text().splitlines()
     (limit,) = (int(line.partition("=")[2]) for line in lines if line.startswith("LimitRTPRIO="))
