@@ -4,6 +4,7 @@ import asyncio
 import logging
 import signal
 from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -47,6 +48,9 @@ log = logging.getLogger("cellward")
 SEQUENCE_KEY = "modbus.acknowledged_sequence"
 CAN_SEQUENCE_KEY = "can.acknowledged_sequence"
 WATCHDOG_PERIOD_S = 1.0
+# What waits for the ledger, locked by another program for instance, waits in these: the records of a run need
+# one, too, and must not stand behind it. Without this there are six on two cores.
+DISK_THREADS = 64
 
 
 def main(config_path: Path) -> int:
@@ -62,6 +66,7 @@ def main(config_path: Path) -> int:
 async def _until_signal(config: CellConfig, worker: ProcessWorker) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
+    loop.set_default_executor(ThreadPoolExecutor(DISK_THREADS, "disk"))
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     await serve(config, stop, worker)

@@ -10,6 +10,8 @@ from cell.store.migrations import MISSING, STEPS
 from cell.version import software
 
 SCHEMA_VERSION = 4
+OPEN_S = 10.0  # so long a program that locks the file is waited for when it is opened ...
+BUSY_S = 60.0  # ... and with it open: a copy or a query of somebody else must not cost a run its end
 _SCHEMA = """
 CREATE TABLE state (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (
@@ -65,6 +67,7 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
                 _copy(connection, copy_before_change(path, version))
             changes = "".join(STEPS[v] for v in range(version, SCHEMA_VERSION)) if version else _SCHEMA
             connection.executescript(f"BEGIN; {changes} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+        connection.execute(f"PRAGMA busy_timeout = {round(1000 * BUSY_S)}")
     except sqlite3.Error as exc:
         connection.close()
         raise disk_error(path, exc) from exc
@@ -97,7 +100,7 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
 
     The file may be a running daemon's: whoever only looks must not set it aside.
     """
-    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=10.0)
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=OPEN_S)
     connection.row_factory = sqlite3.Row
     try:
         connection.execute("SELECT count(*) FROM calibrations").fetchone()
@@ -121,7 +124,7 @@ def disk_error(path: Path, exc: sqlite3.Error) -> CellError:
 def _connect(path: Path) -> sqlite3.Connection:
     """Autocommit; transactions are begun explicitly. The ledger's lock serialises the threads."""
     try:
-        connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=10.0)
+        connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=OPEN_S)
     except sqlite3.Error as exc:
         raise error("DISK_FAILED", f"{path}: {exc}") from exc
     connection.row_factory = sqlite3.Row

@@ -15,6 +15,7 @@ START, ABORT, HALT, RESET = 1, 3, 4, 7
 STOPPING = frozenset({ABORT, HALT})
 DEADLINE_S = 10.0
 WITHDRAW_S = 0.2
+KEEP_S = 1.0  # so long a command waits until its number is on disk, then it is carried out all the same
 MAX_WAITING = 8
 
 
@@ -55,8 +56,9 @@ class CommandChannel:
     """The sequence of one channel: the same number again does nothing, a new one acts once.
 
     The number is remembered on disk *before* the command is carried out: after a kill in between a repeated
-    request does nothing, so nothing moves by itself. Only a stop acts first and is remembered after; it
-    withdraws the commands before it that are still under way, so that no start comes out behind its stop.
+    request does nothing, so nothing moves by itself. A disk that takes longer than ``KEEP_S``, or fails,
+    holds up no command. A stop acts first and is remembered after; it withdraws the commands before it that
+    are still under way, so that no start comes out behind its stop.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class CommandChannel:
         self._taken, self._arrivals, self._answered, self._kept = last_sequence, 0, 0, 0
         self._in_order = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._writing: asyncio.Task[None] | None = None  # of the newest number
 
     def offer(self, command: Command) -> bool:
         """Take a command if its sequence is new; True when it was taken. Never blocks."""
@@ -94,6 +97,9 @@ class CommandChannel:
             task.cancel()
         if tasks:
             await asyncio.wait(tasks, timeout=2.0)
+        if self._writing is not None:
+            await asyncio.wait([self._writing], timeout=2.0)
+            self._writing.cancel()
 
     async def _carry_out(
         self, command: Command, arrival: int, earlier: tuple[asyncio.Task[None], ...]
@@ -139,7 +145,19 @@ class CommandChannel:
         if self._remember is None or arrival < self._kept:
             return
         self._kept = arrival
+        self._writing = asyncio.create_task(
+            self._write(self._remember, self._writing, sequence), name="keep the sequence"
+        )
+        await asyncio.wait([self._writing], timeout=KEEP_S)
+
+    @staticmethod
+    async def _write(
+        remember: Callable[[int], None], before: asyncio.Task[None] | None, sequence: int
+    ) -> None:
+        """One after the other: of two that waited for the disk the newer one is written last."""
+        if before is not None:
+            await asyncio.wait([before])
         try:
-            await asyncio.to_thread(self._remember, sequence)
+            await asyncio.to_thread(remember, sequence)
         except Exception:
             log.exception("the sequence %d could not be written down", sequence)

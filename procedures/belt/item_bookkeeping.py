@@ -101,9 +101,23 @@ class ItemBookkeeping:
         if self._watch.record is not None:
             self._watch.record.ended(item)
         run.note("decision", event="item", item=item.number, outcome=outcome.value, **detail)
-        written = run.cell.add_item(run, item.number, run.clock.now(), outcome.value, detail)
+        before = self._writing[-1] if self._writing else None
+        written = self._write(before, item.number, run.clock.now(), outcome, detail)
         self._writing.append(asyncio.create_task(written, name="item"))  # the disk must not hold the stream
         run.progress(self._watch.queue.counts[Outcome.PICKED], self._picks)
+
+    async def _write(
+        self,
+        before: "asyncio.Task[None] | None",
+        number: int,
+        t: float,
+        outcome: Outcome,
+        detail: dict[str, Any],
+    ) -> None:
+        """After the one before: however long the disk takes, one thread waits for it."""
+        if before is not None:
+            await asyncio.wait([before])
+        await self._run.cell.add_item(self._run, number, t, outcome.value, detail)
 
     async def close(self) -> None:
         """The last count, however the job ended; returns when the ledger has every item that ended."""
