@@ -1,7 +1,6 @@
 """The report of a run without a result: why it ended, what was taken again, and its last journal entries."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +31,8 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
     how = f"ended {outcome}" if source.end else outcome
     title = f"Run {run.get('run_id', folder.name)} ({run.get('job', 'unknown job')}) {how}, without a result"
     early = "" if source.end else ". The report was drawn before the run had ended"
-    last = replace(source, journal=source.journal[-MOST_ENTRIES:])
-    shown = f"The last {len(last.journal)} of {len(source.journal)} entries of the journal{early}"
+    count = len(source.journal)
+    shown = f"The last {min(count, MOST_ENTRIES)} of {count} entries of the journal{early}"
     body = join(
         [
             el("header", el("h1", title), el("p", subtitle(source))),
@@ -41,7 +40,7 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
             _cause(source),
             _timing(source),
             _taken_again(source),
-            timeline(last, shown, routine=True),
+            timeline(source, shown, routine=True, newest=MOST_ENTRIES),
             *(paragraph(line) for line in source.missing),
         ]
     )

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from cell.store.files import to_json
 from procedures.kinematics_in_use import in_words
 from procedures.report.html import Html, absent, bullets, el, section, table
-from procedures.report.numbers import DASH, dig, number
+from procedures.report.numbers import DASH, dig, mm, number
 from procedures.report.source import Source
 
 POSE = 6  # numbers of one: m, and a rotation vector in rad
@@ -41,9 +42,9 @@ def inputs_section(source: Source[Any]) -> Html:
     rows += _rows(("calibrations in effect", _versions(values)))
     shown = {"solve_seconds": _seconds, "arm_model": in_words, "steps_taken_again": _taken_again}
     rows += [
-        (key.replace("_", " "), shown[key](value) if key in shown else _plain(value, key))
+        (_label(key, value), shown[key](value) if key in shown else _plain(value, key))
         for key, value in inputs.items()
-        if key not in _ELSEWHERE
+        if key not in _ELSEWHERE and value is not None
     ]
     rows.append(("schema", source.result.schema_))
     return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
@@ -74,6 +75,12 @@ def _rows(*pairs: tuple[str, Any]) -> list[tuple[object, object]]:
     return [(name, value) for name, value in pairs if value not in (None, "", DASH)]
 
 
+def _label(key: str, value: Any) -> str:
+    """A key as words; its unit stands with the value."""
+    words = key.removesuffix("_m") if isinstance(value, float) else key
+    return "data" if key == "path" else words.replace("_", " ")
+
+
 def _plain(value: Any, name: str = "") -> object:
     """As a person reads it; a pose, by its name, in mm and degrees as everywhere in a report."""
     if value is None:
@@ -83,9 +90,13 @@ def _plain(value: Any, name: str = "") -> object:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.7g}"
+        return mm(value) if name.endswith("_m") else f"{value:.7g}"
+    if name == "path":  # the folder is the machine's on which it was solved
+        return Path(str(value)).name
     if not isinstance(value, list):
         return str(value)
+    if not value:
+        return "none"
     if name.startswith("T_") and len(value) == POSE and all(number(v) is not None for v in value):
         place = " ".join(f"{1e3 * v:.3f}" for v in value[:3])
         return f"({place} mm, rotation vector {' '.join(f'{math.degrees(v):.4f}' for v in value[3:])} deg)"

@@ -25,10 +25,13 @@ def events(source: Source[Any], *names: str) -> Counter[str]:
     return Counter(str(e["event"]) for e in _timed(source) if e.get("event") in names)
 
 
-def timeline(source: Source[Any], summary: str = "", *, routine: bool = False) -> Html | None:
+def timeline(
+    source: Source[Any], summary: str = "", *, routine: bool = False, newest: int | None = None
+) -> Html | None:
     """``summary`` (without its full stop), a strip of the states, and a table; None without a run.
 
-    With ``routine`` the table has every entry, moves and leases too.
+    With ``routine`` the table has every entry, moves and leases too. With ``newest`` only so many are shown,
+    in seconds of the whole journal all the same.
     """
     if not source.run and not source.journal:
         return None
@@ -37,6 +40,7 @@ def timeline(source: Source[Any], summary: str = "", *, routine: bool = False) -
     if not entries:
         return section(title, absent("The journal has no entries."))
     origin = float(entries[0]["t"])
+    entries = entries[-newest:] if newest is not None else entries
     shown = [e for e in entries if routine or _notable(e)]
     rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in shown]
     more = len(rows) - _MOST_ROWS

@@ -22,9 +22,15 @@ def touch_lines(found: TouchResult) -> list[str]:
     return [
         f"  off at the board by {mm(answer.shift_m)} +- {mm(of.shift_95_m)} (95 %), turned by "
         f"{deg(answer.turn_rad)} +- {deg(of.turn_95_rad)}",
-        f"  a cell in which nothing is off shows as much in {100 * answer.chance:.2g} % of tests",
+        f"  a cell in which nothing is off shows as much in {_percent(answer.chance)} % of tests",
         table(("  corner", "x (mm)", "y (mm)", "z (mm) of the target"), corners),
         table(("  open, one standard deviation of an axis", ""), sources),
         f"  the corners scatter by {mm(found.residuals.rms_m)}",
         *(f"  not told: {words}" for words in found.observability.undetermined),
     ]
+
+
+def _percent(share: float) -> str:
+    """Two digits of a small one, and no decimals of a large one."""
+    percent = 100 * share
+    return f"{percent:.2g}" if percent < 10 else f"{percent:.0f}"

@@ -4,12 +4,14 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
+from cell.poses import Array
 from procedures.eye_to_hand.report.cover import axbc_cover
-from procedures.eye_to_hand.result import AxbcResult
+from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.words import BLAMED, WAYS
-from procedures.report.figure import BEFORE, NOW, embed, figure
+from procedures.report.figure import BEFORE, NOW, dressed, embed, figure, polyline
 from procedures.report.html import Html, el, facts, note, section, table
 from procedures.report.layout import Layout, Page
 from procedures.report.numbers import deg, mm
@@ -77,13 +79,10 @@ def judgement_section(source: Source[AxbcResult]) -> Html | None:
 
 
 def map_section(source: Source[AxbcResult]) -> Html | None:
-    """The flange through the camera against the reported one, over the workspace."""
+    """The flange through the camera against the reported one, over the workspace, in space."""
     if source.found is None:
         return None
-    answer = source.found.result
-    p, d = np.array([place.p for place in answer.places]), np.array([place.d for place in answer.places])
-    longest = float(np.linalg.norm(d, axis=1).max())
-    scale = _LONGEST_M / longest if longest > 0.0 else 0.0
+    p, d, scale = _arrows(source.found.result)
     fig = figure(480, scene=space(np.vstack([p, p + scale * d, np.zeros((1, 3))]), 0.1))
     fig.add_trace(_dots(p, d))
     fig.add_trace(
@@ -91,15 +90,50 @@ def map_section(source: Source[AxbcResult]) -> Html | None:
     )
     for trace in base_axes(0.15):
         fig.add_trace(trace)
+    words = "Two plain views of it follow. Drag to turn."
+    return section("Positioning over the workspace", embed(fig, "positioning"), note(words), name="space")
+
+
+def map_views_section(source: Source[AxbcResult]) -> Html | None:
+    """The same from above and from the side: also readable on paper."""
+    if source.found is None:
+        return None
+    answer = source.found.result
+    p, d, scale = _arrows(answer)
+    fig = make_subplots(
+        1, 2, subplot_titles=("from above (x, y)", "from the side (x, z)"), horizontal_spacing=0.1
+    )
+    dressed(fig, 340)
+    ends = p + scale * d
+    for column, b in ((1, 1), (2, 2)):
+        between = [[start[k], end[k], None] for k in (0, b) for start, end in zip(p, ends, strict=True)]
+        x, y = np.reshape(np.array(between, dtype=object), (2, -1)).tolist()
+        fig.add_trace(polyline(x, y, NOW, width=2.0), 1, column)
+        marker = {"size": 6, "color": BEFORE}
+        fig.add_trace(
+            go.Scatter(x=p[:, 0].tolist(), y=p[:, b].tolist(), mode="markers", marker=marker), 1, column
+        )
+        fig.update_xaxes(title_text="x, m", row=1, col=column)
+        anchor = "x" if column == 1 else f"x{column}"
+        fig.update_yaxes(title_text=f"{'xyz'[b]}, m", scaleanchor=anchor, row=1, col=column)
+    fig.update_layout(showlegend=False)
+    longest = float(np.linalg.norm(d, axis=1).max())
     return section(
-        "Positioning over the workspace",
-        embed(fig, "positioning"),
+        "How far the camera is off, over the workspace",
+        embed(fig, "positioning-views"),
         note(
             "Where the given hand-eye sees the flange, less where the arm reports it: "
-            f"{mm(answer.positioning.t_rms)} RMS, {mm(longest)} at most. "
-            f"Arrows are {scale:.0f} times as long as what they show."
+            f"{mm(answer.positioning.t_rms)} RMS, {mm(longest)} at most. A dot is the flange, in the base; "
+            f"its line is {scale:.0f} times as long as what it shows."
         ),
     )
+
+
+def _arrows(answer: AxbcAnswer) -> tuple[Array, Array, float]:
+    """Places of the flange (m, n by 3), by how much each is off, and the scale at which that is drawn."""
+    p, d = np.array([place.p for place in answer.places]), np.array([place.d for place in answer.places])
+    longest = float(np.linalg.norm(d, axis=1).max())
+    return p, d, _LONGEST_M / longest if longest > 0.0 else 0.0
 
 
 def _dots(p: Any, d: Any) -> Any:
@@ -139,7 +173,7 @@ def correction_section(source: Source[AxbcResult]) -> Html | None:
 def _page(_source: Source[AxbcResult]) -> Page[Source[AxbcResult]]:
     return Page(
         top=(verdict_section, judgement_section),
-        left=(map_section,),
+        left=(map_section, map_views_section),
         right=(correction_section,),
         rest=(timeline_section, inputs_section),
     )

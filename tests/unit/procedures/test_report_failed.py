@@ -55,3 +55,24 @@ def test_a_run_that_somebody_stopped_says_who_did(tmp_path: Path) -> None:
     assert "NO-GO the run ended halted: stopped at once by ida (page, 127.0.0.1)." in text
     assert "The run was stopped at once by ida (page, 127.0.0.1)." in text
     assert "The job was in the state sweep. The cell ended in ABORTED." in text
+
+
+def test_the_last_entries_of_a_long_run_keep_their_time_in_it(tmp_path: Path) -> None:
+    run = RunFolder.create(tmp_path, "laser-check", 4, {}, Ticking())
+    for number in range(60):
+        run.note("state", state=f"step {number}", why="")
+    run.finish({"outcome": "aborted", "packml": "ABORTED", "verdict": None, "error": None})
+    text = Page(write_failed_report(run.path).read_text("utf-8")).text
+    assert "The last 30 of 6" in text
+    assert "60.0 state step 59" in text
+
+
+class Ticking(MonotonicClock):
+    """A second later at each look."""
+
+    def __init__(self) -> None:
+        self._now = 100.0
+
+    def now(self) -> float:
+        self._now += 1.0
+        return self._now
