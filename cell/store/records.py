@@ -75,8 +75,10 @@ class Records(LedgerFile):
             _forget_old(db, "trends", cursor.lastrowid, MAX_TREND_POINTS)
 
     def trend(self, name: str, limit: int = 1000) -> list[tuple[float, float]]:
-        """The newest ``limit`` points of a health number, oldest first."""
-        rows = self._rows("SELECT t, value FROM trends WHERE name = ? ORDER BY t DESC LIMIT ?", name, limit)
+        """The newest ``limit`` points of a health number, oldest first, in whatever way the clock was set."""
+        rows = self._rows(
+            "SELECT t, value FROM trends WHERE name = ? ORDER BY rowid DESC LIMIT ?", name, limit
+        )
         return [(row["t"], row["value"]) for row in reversed(rows)]
 
     def trend_names(self) -> list[str]:
