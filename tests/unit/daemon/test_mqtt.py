@@ -198,6 +198,41 @@ async def test_nothing_is_lost_while_broker_or_daemon_are_away(tmp_path: Path, b
     await ended(again)
 
 
+@pytest.mark.wire
+@wire
+@in_loop
+async def test_what_happens_in_a_run_while_the_broker_is_dead_is_told_once_it_is_back(
+    tmp_path: Path, broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.mqtt.publisher._AGAIN_S", (0.2,))
+    engine = Engine()
+    engine.active = True  # a job runs: it has the disk, and no run is looked for
+    online = await listening(broker.port, "plant/hall-2/bay 3/online", bool)
+    subject = asyncio.create_task(Publisher(section(broker.port), engine, "bay 3", tmp_path).run())
+    await online
+    await asyncio.to_thread(broker.kill)
+    for code in (3001, 3015):
+        engine.changed({"code": code, "name": str(code)})
+        engine.changed(None)
+    await asyncio.to_thread(add_run, tmp_path, 1)
+    await asyncio.sleep(0.5)
+    await asyncio.to_thread(broker.start)
+    told = await listening(broker.port, "plant/hall-2/bay 3/+", lambda found: len(kinds(found, "run")) == 1)
+    engine.active = False
+    engine.changed(None)
+    found = await told
+    await ended(subject)
+    codes = [(m["body"]["error"] or {}).get("code") for m in kinds(found, "alarm")]
+    assert [code for code, before in zip(codes, [0, *codes], strict=False) if code != before] == [
+        3001, None, 3015, None,
+    ]  # fmt: skip
+    assert runs_of(kinds(found, "run")) == [1]
+
+
+def kinds(found: Messages, last: str) -> Messages:
+    return [m for m in found if m["topic"].endswith(f"/{last}")]
+
+
 async def ended(task: "asyncio.Task[None]") -> None:
     task.cancel()
     with suppress(asyncio.CancelledError):

@@ -229,3 +229,32 @@ def test_a_port_that_is_taken_is_said_with_the_section_to_change() -> None:
         await second.stop()
 
     on_page(use)
+
+
+def test_a_browser_that_is_killed_leaves_nothing_and_asks_for_nothing() -> None:
+    """Its sockets end in the middle of what is sent to it, without a word; a job's question stays open."""
+
+    async def use(subject: PageRig) -> None:
+        await subject.login("otto")
+        host, port = subject.server.address
+        cookie = "; ".join(f"{c.key}={c.value}" for c in subject.client.cookie_jar)
+        request = f"GET /api/events HTTP/1.1\r\nHost: {host}:{port}\r\nCookie: {cookie}\r\n\r\n"
+        windows = [await asyncio.open_connection(host, port) for _ in range(3)]
+        for reader, writer in windows:
+            writer.write(request.encode())
+            await asyncio.wait_for(reader.readuntil(b"event: state"), 5.0)
+        assert subject.server._feed.watching == 3
+        for _, writer in windows:
+            writer.transport.abort()
+        for number in range(100):
+            subject.engine.change(f"STATE {number}")
+            if subject.server._feed.watching == 0:
+                break
+            await asyncio.sleep(0.05)
+        assert subject.server._feed.watching == 0
+        assert subject.engine.asked == []
+        assert len(await states(subject, 1)) == 1, "the next visitor is served"
+        assert (await subject.post("/api/do/confirm", {"prompt_id": 7}))[0] == 200
+        assert [entry[0] for entry in subject.engine.asked] == ["confirm"]
+
+    on_page(use)
