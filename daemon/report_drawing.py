@@ -74,8 +74,8 @@ async def _draw(folder: Path) -> str:
 def main(folder: Path) -> int:
     """Draw one report."""
     yield_to_others(NICENESS)
-    from procedures.report import write_report
     from procedures.report.failed import write_failed_report
+    from procedures.report.write import write_report
 
     try:
         if (folder / "result.json").exists():

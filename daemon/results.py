@@ -58,7 +58,7 @@ def note_arm_model(run: Run) -> None:
 
 def draw_report(folder: Path) -> None:
     """In the worker: drawing, and importing what draws, would hold up the loop."""
-    from procedures.report import write_report
+    from procedures.report.write import write_report
 
     write_report(folder)
 

@@ -33,7 +33,7 @@ def cross_check(
     others = (None if run is None else load(config, run).path for run in (beams, tracker, touch))
     result = check_cell(first, second, *others).signed().as_json()
     if report is not None:
-        from procedures.report import write_report
+        from procedures.report.write import write_report
 
         write_report(result, report)
         say(f"The report is {report}.")

@@ -219,7 +219,7 @@ def _drawn(folder: Any, paths: CellPaths, rebuild: bool) -> Path:
     stale = stale or hides_altered(folder.path, path.read_text("utf-8", errors="replace"))
     if rebuild or changed or stale:
         result_of(folder)
-        from procedures.report import write_report
+        from procedures.report.write import write_report
 
         write_report(folder.path, path, decided=decided)
     return path

@@ -53,7 +53,7 @@ def solve(
     if output is not None:
         _write(output, result)
     if report is not None:
-        from procedures.report import write_report
+        from procedures.report.write import write_report
 
         write_report(result, report, data=path)
         say(f"The report is {report}.")

@@ -13,10 +13,9 @@ from daemon.demo.closing import Row
 from procedures.beside_truth import Judged
 from procedures.documents import kind_of, read_result
 from procedures.kind import load
-from procedures.report import write_report
 from procedures.report.source import RESULT_FILE, TRUTH_FILE
 from procedures.report.write import FILE_NAME as REPORT_FILE
-from procedures.report.write import layout_of
+from procedures.report.write import layout_of, write_report
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:

@@ -9,7 +9,7 @@ from playwright.async_api import Browser
 
 from cell.errors import CellError
 from daemon.cli.printing import VARIABLE, print_pdf
-from procedures.report import write_report
+from procedures.report.write import write_report
 from tests.kit.browser import CHROMIUM, in_browser, needs_chromium
 from tests.kit.solved import solve_hand_eye
 from tests.unit.procedures.test_report_page import capture, make_run

@@ -298,3 +298,12 @@ def test_status_starts_quickly_because_it_imports_no_numbers(cell: CellOnDisk, e
         )
     assert (done.returncode, done.stderr) == (0, "")
     assert "bay-3" in done.stdout
+
+
+def test_the_daemon_starts_without_what_draws_reports() -> None:
+    code = (
+        "import sys, daemon.app, daemon.web.views\n"
+        "print(sorted({'plotly', 'narwhals', 'procedures.report.write'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout == "[]\n", done.stderr

@@ -177,7 +177,7 @@ def test_a_report_that_cannot_be_drawn_is_said_and_costs_nothing(
     def broken(*what: Any) -> None:
         raise RuntimeError("no ink")
 
-    monkeypatch.setattr("procedures.report.write_report", broken)
+    monkeypatch.setattr("procedures.report.write.write_report", broken)
 
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:

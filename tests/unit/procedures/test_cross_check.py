@@ -24,7 +24,7 @@ from procedures.cross_check.solver import (
     touch_of,
 )
 from procedures.cross_check.words import cross_check_lines
-from procedures.report import write_report
+from procedures.report.write import write_report
 from procedures.touch_test.judging import solve_touch_test
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.cross_check_scene import (

@@ -10,8 +10,8 @@ import pytest
 from procedures.documents import read_result
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.report.truth import TITLE, truth_section
-from procedures.report import write_report
 from procedures.report.source import TRUTH_FILE
+from procedures.report.write import write_report
 from tests.kit.solved import solve_hand_eye
 from tests.unit.procedures.test_report_page import X_TRUE, K, capture
 

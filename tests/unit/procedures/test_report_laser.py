@@ -19,8 +19,7 @@ from procedures.laser.report.source import LaserSource
 from procedures.laser.report.tool import crossing, exaggeration, tool_figure
 from procedures.laser.result import MovedTest
 from procedures.laser.solve.data import scene_of
-from procedures.report import write_report
-from procedures.report.write import from_folder, render
+from procedures.report.write import from_folder, render, write_report
 from tests.kit import whole_results
 from tests.kit.laser_report_scene import (
     BEAMS,

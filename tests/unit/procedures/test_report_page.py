@@ -15,9 +15,8 @@ from cell.errors import CellError
 from cell.poses import exp_xi, from_pose6, to_pose6
 from procedures.documents import read_result
 from procedures.hand_eye.report.measured import measure
-from procedures.report import write_report
 from procedures.report.figure import LINE, embed, figure
-from procedures.report.write import from_result, render
+from procedures.report.write import from_result, render, write_report
 from tests.kit.solved import solve_hand_eye
 
 X_TRUE = from_pose6([0.01, -0.08, 0.05, 0.03, 0.02, 0.04])

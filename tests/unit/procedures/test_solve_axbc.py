@@ -11,7 +11,7 @@ from calibration.hand_eye import se3
 from cell.errors import CellError
 from cell.poses import Array, from_pose6
 from procedures.documents import read_result
-from procedures.report import write_report
+from procedures.report.write import write_report
 from tests.kit.eye_to_hand_scene import SIGMA_C_R, SIGMA_C_T, EyeToHandScene, joints, make_scene, pose6
 from tests.kit.imperfect_cell import ARM
 from tests.kit.solved import solve_axbc

@@ -10,7 +10,7 @@ from daemon.cli.result_text import result_text
 from daemon.config import ConfigInvalid
 from daemon.predictions import predictions
 from fakes.object import run_virtual
-from procedures.report import write_report
+from procedures.report.write import write_report
 from tests.kit.object_cell import no_report, open_cell
 from tests.kit.tracker_cell import JOB, tracker_config
 
