@@ -73,7 +73,7 @@ docs: $(VENV)/.ready
 wheelhouse: $(VENV)/.ready
 	rm -rf build/wheelhouse build/lib build/bdist.*
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --constraint constraints.txt \
-		--wheel-dir build/wheelhouse '.[mqtt]'
+		--wheel-dir build/wheelhouse '.[mqtt,mcap]'
 
 deb: wheelhouse
 	deploy/deb/build.sh $(BIN)/python build/wheelhouse build

@@ -60,7 +60,7 @@ def make_program(root: Path, wheelhouse: Path, version: str, python: Path, packa
         _run([sys.executable, "-m", "venv", "--symlinks", str(draft)], "venv (apt install python3-venv)")
         pip = [str(draft / "bin/python"), "-m", "pip", "--isolated", "--disable-pip-version-check", "install"]
         wheels_alone = ["--no-index", "--only-binary", ":all:", "--find-links", str(wheelhouse)]
-        _run([*pip, "--quiet", "--no-compile", *wheels_alone, f"cellward[mqtt]=={version}"], "pip")
+        _run([*pip, "--quiet", "--no-compile", *wheels_alone, f"cellward[mqtt,mcap]=={version}"], "pip")
         _relocate(draft, f"/{PROGRAMS / version}", python)
         _compile(draft, f"/{PROGRAMS / version}")
     except BaseException:

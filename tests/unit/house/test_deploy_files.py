@@ -148,3 +148,12 @@ def test_the_unit_reaches_nothing_but_this_computer_before_somebody_says_what() 
         "IPAddressDeny=any",
         "IPAddressAllow=localhost",
     ]
+
+
+def test_the_extras_that_are_installed_are_in_the_wheelhouse_and_the_image() -> None:
+    """All but the large one of decision 0050: on the PC of a cell nothing can be installed later."""
+    asked = re.search(r"cellward\[([a-z,]+)\]==", (ROOT / "daemon/service/program.py").read_text("utf-8"))
+    assert asked is not None
+    assert set(asked[1].split(",")) == {"mqtt", "mcap"}
+    for file in ("Makefile", "deploy/Containerfile"):
+        assert f"'.[{asked[1]}]'" in (ROOT / file).read_text("utf-8"), file
