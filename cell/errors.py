@@ -5,6 +5,7 @@ caller never guesses. ``error("ARM_PROTECTIVE_STOP", "safety mode 3")`` makes th
 """
 
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -46,9 +47,16 @@ def catalogue() -> dict[str, CatalogueEntry]:
     }
 
 
+_REFUSED_BIT = 0x8000  # in a PLC's result register, before the code
+
+
 def find_entry(code: str | int) -> CatalogueEntry | None:
-    """The entry for a name or a number, or None."""
+    """The entry for a name or a number, or None. A number may be as a PLC shows it: hexadecimal (0x9771), or
+    with the bit of a refusal (38769)."""
     text = str(code)
+    with suppress(ValueError):
+        number = int(text, 0)
+        text = str(number - _REFUSED_BIT if number > _REFUSED_BIT else number)
     for entry in catalogue().values():
         if text.upper() == entry.name or text == str(entry.code):
             return entry

@@ -15,7 +15,7 @@ START, ABORT, HALT, RESET = 1, 3, 4, 7
 STOPPING = frozenset({ABORT, HALT})
 DEADLINE_S = 10.0
 WITHDRAW_S = 0.2
-KEEP_S = 1.0  # so long a command waits until its number is on disk, then it is carried out all the same
+KEEP_S = 1.0  # so long a command waits until its number is on disk
 MAX_WAITING = 8
 
 
@@ -57,8 +57,9 @@ class CommandChannel:
 
     The number is remembered on disk *before* the command is carried out: after a kill in between a repeated
     request does nothing, so nothing moves by itself. A disk that takes longer than ``KEEP_S``, or fails,
-    holds up no command. A stop acts first and is remembered after; it withdraws the commands before it that
-    are still under way, so that no start comes out behind its stop.
+    holds up no command but a start, which is refused with ``DISK_FAILED``: without its number, the same
+    request would start the job again after a restart. A stop acts first and is remembered after; it
+    withdraws the commands before it that are still under way, so that no start comes out behind its stop.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class CommandChannel:
         self._taken, self._arrivals, self._answered, self._kept = last_sequence, 0, 0, 0
         self._in_order = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._writing: asyncio.Task[None] | None = None  # of the newest number
+        self._writing: asyncio.Task[bool] | None = None  # of the newest number
 
     def offer(self, command: Command) -> bool:
         """Take a command if its sequence is new; True when it was taken. Never blocks."""
@@ -114,8 +115,11 @@ class CommandChannel:
         else:
             try:
                 async with self._in_order:
-                    await self._keep(command.sequence, arrival)
-                    result = await self._handled(command)
+                    kept = await self._keep(command.sequence, arrival)
+                    if command.code == START and not kept:
+                        result = refused("DISK_FAILED")
+                    else:
+                        result = await self._handled(command)
             except asyncio.CancelledError:
                 self._report(command, refused("NOT_NOW"))
                 raise
@@ -140,20 +144,22 @@ class CommandChannel:
             log.exception("%s: command %d", command.client, command.code)
             return refused("INTERNAL")
 
-    async def _keep(self, sequence: int, arrival: int) -> None:
-        """Remember the newest; a command that a stop overtook does not push the stop's number back."""
+    async def _keep(self, sequence: int, arrival: int) -> bool:
+        """Remember the newest; a command that a stop overtook does not push the stop's number back. True
+        when that is done."""
         if self._remember is None or arrival < self._kept:
-            return
+            return True
         self._kept = arrival
         self._writing = asyncio.create_task(
             self._write(self._remember, self._writing, sequence), name="keep the sequence"
         )
-        await asyncio.wait([self._writing], timeout=KEEP_S)
+        done, _ = await asyncio.wait([self._writing], timeout=KEEP_S)
+        return any(task.result() for task in done)
 
     @staticmethod
     async def _write(
-        remember: Callable[[int], None], before: asyncio.Task[None] | None, sequence: int
-    ) -> None:
+        remember: Callable[[int], None], before: asyncio.Task[bool] | None, sequence: int
+    ) -> bool:
         """One after the other: of two that waited for the disk the newer one is written last."""
         if before is not None:
             await asyncio.wait([before])
@@ -161,3 +167,5 @@ class CommandChannel:
             await asyncio.to_thread(remember, sequence)
         except Exception:
             log.exception("the sequence %d could not be written down", sequence)
+            return False
+        return True

@@ -14,7 +14,7 @@ from cell.procedure import Run
 from cell.store import _database
 from cell.store.ledger import Ledger
 from daemon import app
-from daemon.modbus.command import Command, CommandChannel
+from daemon.modbus.command import START, Command, CommandChannel, refused
 from fakes.object import run_virtual
 from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
@@ -106,9 +106,13 @@ def test_no_command_waits_for_a_locked_ledger_and_the_newest_number_is_kept() ->
         for sequence, code in ((1, 5), (2, 6), (3, 4)):  # pause, resume, halt
             await acknowledged(sequence, code)
         assert (handled, kept) == ([5, 6, 4], [])
+        await acknowledged(4, START)
+        assert (handled, subject.result) == ([5, 6, 4], refused("DISK_FAILED")), "it would start again"
         unlocked.set()
+        await until(lambda: kept == [1, 2, 3, 4])
+        await acknowledged(5, START)
+        assert handled == [5, 6, 4, START]
         await subject.stop()
-        assert kept == [1, 2, 3]
 
     asyncio.run(main())
 
