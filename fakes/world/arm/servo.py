@@ -9,12 +9,12 @@ at that user's 1200).
 
 The speed slider scales the controller's time: below full speed it works off what was sent more slowly than it
 comes, and the arm falls behind for as long as that lasts (Universal_Robots_ROS_Driver pull request 250,
-ur_modern_driver issue 302).
+ur_modern_driver issue 302). No joint turns faster than its model lets: all are slowed until it does not, and
+the arm falls behind for as long as set-points ask for more (the same pull request), beside their path.
 
-No joint turns faster than its model lets: all joints are slowed until it does not, and the arm falls behind
-for as long as set-points ask for more (the same pull request). servoj has no queue, a cycle goes for the
-newest set-point (ur_modern_driver issue 153): after one that leaped, as where a PC was late, the arm catches
-up.
+What was sent is no queue: a thread of the controller hands servoj the newest set-point each cycle
+(ur_modern_driver issue 153). So the arm is taken to catch up, as fast as its joints turn, once it may: at
+full speed again, and after a set-point that leaped, as where a PC was late.
 """
 
 from collections import deque
@@ -55,6 +55,8 @@ class Servo:
             self._line, self._own, self._at = deque([(t - period_s, here)]), t, here
         self._line.append((t, np.array(wanted, dtype=float)))
         self._own += period_s * fraction
+        if fraction >= 1.0:
+            self._own = t + period_s
         (t0, q0), (t1, q1) = self._line[-2], self._line[-1]
         asked = float(np.max(np.abs(q1 - q0) / ((t1 - t0) * self._fastest)))
         self._scaling = 1.0 / max(asked * fraction, 1.0)
