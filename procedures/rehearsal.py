@@ -8,6 +8,8 @@ from cell.errors import CellError, error
 from cell.known_cell import KnownBeams, KnownBelt, KnownCamera, KnownGripper, KnownRack, KnownTracker
 from procedures.setup import Setup
 
+_ARM_SIGNALS = range(18)  # of its digital inputs and outputs
+
 
 @dataclass(frozen=True)
 class Rehearsal:
@@ -80,10 +82,12 @@ def target(setup: Setup, name: str) -> tuple[Mapping[str, Any], dict[str, float]
 
 
 def gripper(setup: Setup, place_clear: str | None = None) -> KnownGripper:
-    """The cell's own, on outputs of the arm whatever drives it."""
+    """The cell's own; in a twin it is on inputs and outputs of the arm, whatever it is on here."""
     section = setup.devices[setup.roles["gripper"]]
-    confirm = getattr(section, "confirm", None)
-    return KnownGripper(int(getattr(section, "output", 0)), confirm, place_clear)
+    output, confirm = int(getattr(section, "output", 0)), getattr(section, "confirm", None)
+    if not (output in _ARM_SIGNALS and (confirm is None or confirm in _ARM_SIGNALS)):  # of another device
+        output, confirm = 0, None
+    return KnownGripper(output, confirm, place_clear)
 
 
 def cannot(why: str) -> CellError:

@@ -42,7 +42,7 @@ from daemon.worker import InlineWorker
 from procedures.registry import JOBS
 
 READY_S = 30.0
-MOST_ASKED = 5  # a prompt that comes again with the same words asks for what this operator cannot do
+MOST_ASKED = 5  # a prompt that comes again at the same step asks for what this operator cannot do
 POLL_S = 0.1
 WHO = "the demo"
 STATE = "fast-state"  # as in fast_*.toml
@@ -138,17 +138,18 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
         say("the board was taken away")
     run_id: int = (await engine.start(StartRequest(step.job, {}, WHO, "demo")))["run_id"]
     placement, finished = 0, False
-    asked: Counter[str] = Counter()
+    asked: Counter[tuple[str, int]] = Counter()
     with ProgressBar() as bar:
         while (status := engine.status())["run_id"] == run_id:
             if step.picks and status["live"].get("picks", 0) >= step.picks and not finished:
                 finished = True
                 await engine.finish(WHO)
             bar.show(f"{step.job}, run {run_id}", status["step"], status["steps"])
-            if (prompt := status["prompt"]) is not None and asked[prompt["text"]] == MOST_ASKED:
+            prompt = status["prompt"]
+            if prompt is not None and asked[prompt["text"], status["step"]] == MOST_ASKED:
                 await engine.abort(WHO)
             elif prompt is not None:
-                asked[prompt["text"]] += 1
+                asked[prompt["text"], status["step"]] += 1
                 if step.moves_board:
                     placement = min(placement + 1, world.operator.placements)
                     world.operator.confirm(placement - 1, clock.now())

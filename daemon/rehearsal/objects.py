@@ -60,10 +60,15 @@ def rehearsed_cell(
     on_flange = present(asked_tool(config, job, tool, needed=True), "tool")
     rehearsal = rehearsal_of(config, job, on_flange)
     before = [rehearsal_of(config, name, on_flange) for name in rehearsal.before]
-    if rehearsal.camera is None and before:
-        rehearsal = replace(rehearsal, camera=before[0].camera)
     if rehearsal.held is not None:
-        rehearsal = replace(rehearsal, camera=_with_place(rehearsal.held, rehearsal.camera))
+        rehearsal = replace(rehearsal, camera=_with_place(rehearsal.held, before[0].camera))
+    elif rehearsal.camera is None and before and (borrowed := before[0].camera) is not None:
+        if borrowed.fixed:
+            text = (
+                f"{job} looks through the camera on the flange, and [job.{rehearsal.before[0]}] has setup = "
+            )
+            raise error("CONFIG_INVALID", text + '"eye-to-hand"')
+        rehearsal = replace(rehearsal, camera=borrowed)
     twin = cast(Twin, importlib.import_module(TWIN))
     try:
         text = twin.likely_scenario(_known(config, rehearsal, on_flange), seed)

@@ -68,12 +68,15 @@ def rehearse(
         runs, _ = run_objects(cell.config, steps_of(cell))
     except CellError as exc:
         return _refused(where, exc, seed)
+    without: list[str] = []
     for run_id, _truth in runs[:-1]:
         before = load_run(where, run_id)
         if _outcome_of(before) != "complete":
             return _failed(before, seed, NOT_WELL.format(before.job))
+        without += _not_accepted(before)
     run_id, truth = runs[-1]
     outcome = _outcome(load_run(where, run_id), truth, seed)
+    outcome = replace(outcome, why=[*without, *outcome.why])
     if outcome.good is None and (made := prediction_of(config, job, tool)):
         outcome = replace(outcome, expected=str(made["text"]))
     return outcome
@@ -135,11 +138,18 @@ def _refused(where: Path, exc: CellError, seed: int) -> RehearsedRun:
     before = made[0]
     if _outcome_of(before) != "complete":
         return _failed(before, seed, NOT_WELL.format(before.job))
+    why = _not_accepted(before) or [text]
+    return RehearsedRun(seed, NOT_STARTED, _seconds(before), why=why, lost=_lost(before.read_journal()))
+
+
+def _not_accepted(before: RunFolder) -> list[str]:
+    """That the result of what comes first is not in effect: one that did not pass waits for a person."""
     result = before.read_result() or {}
-    if (verdict := result.get("verdict")) != "pass":
-        reasons = "; ".join(map(str, result.get("reasons") or ()))
-        text = f"its {before.job} was judged {verdict}: {reasons}, and was not accepted"
-    return RehearsedRun(seed, NOT_STARTED, _seconds(before), why=[text], lost=_lost(before.read_journal()))
+    if (verdict := result.get("verdict")) == "pass":
+        return []
+    told = result.get("reasons") or [one["text"] for one in result.get("warnings") or ()]
+    reasons = "; ".join(map(str, told)) or "without a reason"
+    return [f"its {before.job} was judged {verdict}: {reasons}, and was not accepted"]
 
 
 def _outcome_of(run: RunFolder) -> str | None:

@@ -17,9 +17,15 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
     yield f"{job}, twin {outcome.seed}: {outcome.ended}{time}{verdict}"
     for sentence in outcome.why:
         yield f"  {sentence}"
-    if outcome.stated:
-        words = "agrees with" if outcome.good else "does NOT agree with"
-        yield f"  stated: {outcome.stated}; off the twin's truth: {outcome.off}, which {words} it"
+    if outcome.stated and not outcome.off:
+        yield f"  stated: {outcome.stated}" + (
+            "" if outcome.good else ", which the twin's truth does NOT bear out"
+        )
+    elif outcome.stated:
+        words = "agrees with it" if outcome.good else "does NOT agree with it"
+        if outcome.good and outcome.inside95 is False:
+            words = "is good enough, but beyond the stated 95 %"
+        yield f"  stated: {outcome.stated}; off the twin's truth: {outcome.off}, which {words}"
     if outcome.expected:
         yield f"  expected of the cell: {outcome.expected}"
     yield from outcome.told

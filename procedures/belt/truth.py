@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import bdtr
 
 from cell.errors import error
 from procedures.belt.result import BeltCalibrationResult, BeltTrackingResult
@@ -68,6 +69,7 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
     told, off_text = f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
+    inside95 = None
     if (stated := result.result.contact_95_m) is not None and len(met):
         within = int(np.sum(total <= stated))
         without = "".join(f"; without {what}" for what in result.result.contact_95_without or ())
@@ -75,4 +77,5 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         text.append(f"{within} of {len(met)} are within")
         told += f", contact within {1e3 * stated:.3f} mm (95 %{', not all covered' if without else ''})"
         off_text += f", {within} of {len(met)} within"
-    return Judged(good, "\n".join(text), told, off_text)
+        inside95 = bool(bdtr(within, len(met), 0.95) > 0.05)  # no fewer than chance lets
+    return Judged(good, "\n".join(text), told, off_text, inside95)

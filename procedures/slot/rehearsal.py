@@ -7,6 +7,7 @@ from cell.poses import from_pose6, to_pose6
 from procedures.rehearsal import Rehearsal, cannot, gripper, joints, needed
 from procedures.setup import Setup
 from procedures.slot.config import SlotInsertionConfig
+from procedures.slot.marking import marker_problem
 from procedures.words import mm
 
 CAPTURE = "cone-capture"
@@ -17,12 +18,18 @@ def rehearse_slot(setup: Setup, job: SlotInsertionConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
     needed(setup, "arm", "flange_camera", "gripper")
     look, _ = joints(setup, job.start_pose)
+    for name in (job.fetch_pose, job.put_down_pose):
+        joints(setup, name)
+    if why := marker_problem(job):
+        raise cannot(why)
     part = from_pose6(job.part.T_tool_part)
-    aside_x, aside_y, behind = part.inv().translation
-    if (aside := float(np.hypot(aside_x, aside_y))) > _WITHIN_M or behind > 0.0:
+    aside_x, aside_y, ahead = -part.inv().translation
+    aside = float(np.hypot(aside_x, aside_y))
+    if not (aside <= _WITHIN_M and 0.0 < ahead <= job.part.length_m):
         raise cannot(
-            f"by part.T_tool_part the tool's point is {mm(aside)} beside the middle line of the part and "
-            f"{mm(-behind)} behind its front; the fingers of a twin close on that line, so correct it"
+            "the fingers of a twin close on the middle line of a part, and by part.T_tool_part the tool's "
+            f"point is {mm(aside)} beside it and {mm(ahead)} behind the front of a part of "
+            f"{mm(job.part.length_m)}"
         )
     inserts = job.action != "pull"
     fetched = inserts and job.fetch_pose is not None
@@ -37,7 +44,7 @@ def rehearse_slot(setup: Setup, job: SlotInsertionConfig) -> Rehearsal:
         depth_m=job.opening.depth_m,
         part_m=(job.part.width_m, job.part.height_m, job.part.length_m),
         T_flange_part=to_pose6(from_pose6(setup.values.tool["T_flange_tool"]) * part).tolist(),
-        grasp_m=-float(behind),
+        grasp_m=float(ahead),
         sigma_m=job.rack.sigma_m,
         sigma_rad=job.rack.sigma_rad,
         part_sigma_m=job.part.sigma_m,

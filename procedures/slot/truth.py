@@ -17,7 +17,7 @@ def judge_slot(result: SlotResult, truth: Mapping[str, Any], folder: Path) -> Ju
     """Good when the part ends where the result says, and within what was predicted."""
     answer, rack = result.result, truth["rack"]
     if answer.budget is None or answer.part != "released":
-        return Judged(answer.part in ("released", "gripped"), f"the part was {answer.part}", answer.part, "-")
+        return Judged(answer.part in ("released", "gripped"), f"the part was {answer.part}", answer.part, "")
     T_slot = from_pose6(rack["slots"][answer.slot - 1])
     off = min(_beside(T_slot, from_pose6(part)) for part in rack["parts"])
     predicted = answer.budget.predicted_95_m

@@ -17,7 +17,7 @@ from procedures.touch_test.judging import SIGMAS
 from procedures.words import mm
 
 _USUAL = 4  # corners
-_FAR_M = 1.0  # from which cameras on a flange do not look at a board
+_FAR_M = 1.0  # farther no camera on a flange looks at a board: an assumption
 
 
 def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:

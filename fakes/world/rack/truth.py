@@ -29,7 +29,7 @@ class SlotMarkerTruth(Strict):
 
     dictionary: str = "DICT_4X4_50"
     id: int = Field(default=0, ge=0)
-    size_m: float = Field(default=0.014, gt=0.002, le=0.5)
+    size_m: float = Field(default=0.014, gt=0.001, le=0.5)
     T_slot_marker: Six = Field(description="its middle; y to its upper side, z out of it")
 
 
@@ -47,7 +47,7 @@ class RackTruth(Strict):
     column_pitch_m: float = Field(default=0.06, gt=0, le=1)
     opening_m: Two = Field(default=[0.041, 0.021], description="width and height")
     depth_m: float = Field(default=0.06, gt=0, le=1, description="travel of a part's front to the end")
-    chamfer_m: float = Field(default=0.0, ge=0, le=0.02, description="at 45 degrees around the opening")
+    chamfer_m: float = Field(default=0.0, ge=0, le=0.05, description="at 45 degrees around the opening")
     part_m: Three = Field(default=[0.040, 0.020, 0.1])
     grasp_m: float = Field(default=0.08, gt=0, le=1)
     parts: list[PartTruth] = Field(default=[])

@@ -31,6 +31,19 @@ FEW = {
     "poses_per_placement = 20": "poses_per_placement = 6",
 }
 OTHER = '[target.b]\ntype = "chessboard"\ncolumns = 6\nrows = 5\nsquare_m = 0.03'
+SLOT = "[job.slot-insertion]"
+FETCH = f'{SLOT}\nfetch_pose = "wait"\nput_down_pose = "place"'
+MARKER = """[job.slot-insertion.marker]
+dictionary = "{}"
+id = 0
+size_m = 0.014
+T_slot_marker = [0.0, 0.03, 0.0, 3.1416, 0.0, 0.0]
+sigma_m = 0.0001
+"""
+SWAPPED = """[job.tracker-sampling]
+swap_by_operator = true
+monument_every = 4
+max_predicted_m = 0.05"""
 ISO9283 = """[job.iso9283]
 reflector = "smr1"
 point = [-0.05, 0.0, 0.06]
@@ -204,7 +217,14 @@ def test_a_touch_test_behind_a_capture_of_another_board_or_camera_is_refused(
         ("eye-to-hand-check", {"T_base_camera_nominal": "# T_base_camera"}, "has no T_base_camera_nominal"),
         ("eye-to-hand-check", {'fixed_camera = "belt': '# fixed = "belt'}, "no device for fixed_camera"),
         ("eye-to-hand-check", {'start_pose = "show"': 'start_pose = "home"'}, "give start_pose a pose"),
-        ("slot-insertion", {"[0.0, 0.0, 0.08": "[0.01, 0.0, 0.08"}, "10.000 mm beside the middle line"),
+        (
+            "slot-insertion",
+            {"[0.0, 0.0, 0.08": "[0.01, 0.0, 0.08"},
+            "the tool's point is 10.000 mm beside it",
+        ),
+        ("slot-insertion", {"[0.0, 0.0, 0.08": "[0.0, 0.0, 0.0"}, "and 0.000 mm behind the front of a part"),
+        ("slot-insertion", {SLOT: f'{SLOT}\nput_down_pose = "nowhere"'}, "[poses] has no 'nowhere'"),
+        ("slot-insertion", {SLOT: f"{MARKER.format('DICT_NOPE')}{SLOT}"}, "marker.dictionary: "),
     ],
 )
 def test_what_the_configuration_lacks_is_said(
@@ -221,10 +241,6 @@ def test_what_the_configuration_lacks_is_said(
     with pytest.raises(CellError) as refused:
         rehearsal_of(load_config(path), job)
     assert words in refused.value.detail
-
-
-SLOT = "[job.slot-insertion]"
-FETCH = f'{SLOT}\nfetch_pose = "wait"\nput_down_pose = "place"'
 
 
 @pytest.mark.parametrize(
@@ -263,7 +279,8 @@ def test_an_insertion_is_rehearsed_with_a_part_that_a_person_puts_into_the_gripp
     good_board = {
         "scale_sigma = 0.0005": "scale_sigma = 0.0001",
         "flatness_m = 0.0002": "flatness_m = 0.00002",
-        "poses_per_placement = 20": "poses_per_placement = 9",
+        "poses_per_placement = 20": "poses_per_placement = 12",
+        "camera_sigma = { f = 0.003, c_px = 5.0 }": "camera_sigma = { f = 0.0003, c_px = 0.5 }",
     }
     path = whole_example(tmp_path, FEW | good_board)
     outcome = rehearse(load_config(path), path, "slot-insertion", 1, tmp_path)
@@ -377,6 +394,34 @@ def test_a_twin_whose_preparation_was_not_accepted_is_told_and_the_others_go_on(
     assert ran.code == 1
 
 
+def test_a_job_that_went_on_without_a_preparation_that_was_not_accepted_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def played(config: Any, steps: Any) -> tuple[list[tuple[int, dict[str, Any]]], float]:
+        runs = Path(config.cell.state_dir) / "runs"
+        for number, verdict in ((1, "warn"), (2, "pass")):
+            run = RunFolder.create(runs, steps[number - 1].job, number, {}, MonotonicClock())
+            result = {"kind": "belt-calibration", "result": None, "verdict": verdict}
+            run.write_result(whole({**result, "warnings": [{"code": "belt.nominal", "text": "5 % off"}]}))
+            run.finish({"outcome": "complete", "packml": "COMPLETE", "verdict": verdict, "error": None})
+        return [(1, {}), (2, {})], 1.0
+
+    monkeypatch.setattr("daemon.rehearsal.play.run_objects", played)
+    path = whole_example(tmp_path, BELT_SPEEDS)
+    outcome = rehearse(load_config(path), path, "belt-tracking", 1, tmp_path)
+    assert outcome.why == ["its belt-calibration was judged warn: 5 % off, and was not accepted"]
+
+
+def test_a_prompt_that_belongs_to_each_of_many_steps_ends_no_rehearsal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.demo.fast.MOST_ASKED", 1)
+    swapped = {"[job.tracker-sampling]": SWAPPED, "poses = 40": "poses = 16"}
+    path = whole_example(tmp_path, LASER_TRACKER | swapped)
+    outcome = rehearse(load_config(path), path, "tracker-sampling", 1, tmp_path)
+    assert outcome.ended == "complete", outcome.why
+
+
 def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -391,6 +436,16 @@ def test_every_job_is_rehearsed_or_named_as_one_that_cannot_be(
     assert set(re.findall(r"`([\w-]+)`", listed)) == {
         name for name, job in SHIPPED.items() if not kind_named(job.kind).rehearsal
     }
+
+
+def test_an_insertion_behind_a_capture_with_a_fixed_camera_is_refused(tmp_path: Path) -> None:
+    fixed = {
+        "payload_kg": "T_flange_target_nominal = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]\npayload_kg",
+        "placements = 3": 'setup = "eye-to-hand"\nplacements = 3',
+    }
+    path = whole_example(tmp_path, fixed)
+    with pytest.raises(CellError, match=r"\[job.cone-capture\] has setup = \"eye-to-hand\""):
+        rehearsed_cell(load_config(path), path, "slot-insertion", 1, tmp_path)
 
 
 def test_a_second_rehearsal_says_where_the_reports_of_the_first_one_are_now(
