@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from procedures.report import write_report
+from procedures.report.write import write_report
 from procedures.touch_test.words import touch_lines
 from tests.kit.whole_results import STORED, made
 
