@@ -1,7 +1,7 @@
 """A stream that makes its samples when somebody looks.
 
-A source at 100 Hz costs nothing while nobody reads it. As soon as a listener subscribes a timer keeps the
-stream filled; otherwise a reader gets exactly the samples that would have been there by now.
+A source at 100 Hz costs nothing while nobody reads it. As soon as a listener subscribes the loop keeps the
+stream filled, sample by sample; otherwise a reader gets exactly those that would have been there by now.
 """
 
 import asyncio
@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from cell.clock import Clock
 from cell.samples import Quality, Sample, Stream
+from fakes.object.loop import Ticks, VirtualTimeLoop
 
 T = TypeVar("T")
 
@@ -40,7 +41,7 @@ class LazyStream(Stream[T]):
         self._running = False
         self._silent = False
         self._filling = False
-        self._timer: asyncio.TimerHandle | None = None
+        self._ticks: Ticks | None = None
 
     # -- the source's side
 
@@ -55,13 +56,13 @@ class LazyStream(Stream[T]):
         """The connection ended; what was read stays readable."""
         self.fill()
         self._running = False
-        self._cancel_timer()
+        self._end_ticks()
 
     def silence(self) -> None:
         """No samples from now on, though the connection stands."""
         self.fill()
         self._silent = True
-        self._cancel_timer()
+        self._end_ticks()
 
     def resume(self) -> None:
         """Samples again; those of the silence are a gap."""
@@ -109,7 +110,7 @@ class LazyStream(Stream[T]):
         def end() -> None:
             unsubscribe()
             if not self._listeners:
-                self._cancel_timer()
+                self._end_ticks()
 
         return end
 
@@ -130,17 +131,25 @@ class LazyStream(Stream[T]):
         return super().at(t, interpolate, max_bracket)
 
     def _keep_filled(self) -> None:
-        wanted = self._running and not self._silent and self._listeners
-        if wanted and self._timer is None:
-            wait = self._origin + self._tick * self.period_s + self._delay_s - self.clock.now()
-            self._timer = asyncio.get_running_loop().call_later(max(wait, 0.0), self._on_timer)
+        if self._ticks is None and (due := self._next_due()) is not None:
+            loop = asyncio.get_running_loop()
+            if not isinstance(loop, VirtualTimeLoop):
+                raise TypeError(f"{self.name} lives on virtual time, and this loop has none")
+            self._ticks = loop.call_repeatedly(due, self._on_tick)
 
-    def _on_timer(self) -> None:
-        self._timer = None
+    def _on_tick(self) -> float | None:
+        ticks = self._ticks
         self.fill()
-        self._keep_filled()
+        return self._next_due() if self._ticks is ticks else None
 
-    def _cancel_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+    def _next_due(self) -> float | None:
+        """The loop's time of the next sample that a listener waits for."""
+        if not self._running or self._silent or not self._listeners:
+            return None
+        wait = self._origin + self._tick * self.period_s + self._delay_s - self.clock.now()
+        return asyncio.get_running_loop().time() + max(wait, 0.0)
+
+    def _end_ticks(self) -> None:
+        if self._ticks is not None:
+            self._ticks.cancel()
+            self._ticks = None

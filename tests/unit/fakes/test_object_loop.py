@@ -143,3 +143,64 @@ def test_a_world_goes_with_the_clock_of_its_run() -> None:
     del clock
     gc.collect()
     assert world() is None
+
+
+def test_repeated_calls_come_at_their_own_times_between_timers() -> None:
+    async def scene() -> list[float]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        seen: list[float] = []
+
+        def step() -> float | None:
+            seen.append(round(loop.time(), 9))
+            return None if len(seen) == 4 else loop.time() + 0.1
+
+        loop.call_repeatedly(0.1, step)
+        await asyncio.sleep(0.25)
+        seen.append(round(loop.time(), 9))
+        await asyncio.sleep(10.0)
+        return seen
+
+    assert run_virtual(scene()) == [0.1, 0.2, 0.25, 0.3]
+
+
+def test_time_stands_where_a_repeated_call_wakes_somebody() -> None:
+    async def scene() -> float:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        third, count = asyncio.Event(), 0
+
+        def step() -> float:
+            nonlocal count
+            count += 1
+            if count == 3:
+                third.set()
+            return loop.time() + 0.1
+
+        ticks = loop.call_repeatedly(0.1, step)
+        async with asyncio.timeout(5.0):
+            await third.wait()
+        woken = loop.time()
+        ticks.cancel()
+        await asyncio.sleep(1.0)
+        assert count == 3
+        return woken
+
+    assert run_virtual(scene()) == pytest.approx(0.3)
+
+
+def test_a_repeated_call_that_fails_is_told_and_comes_no_more() -> None:
+    async def scene() -> list[str]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        told: list[str] = []
+        loop.set_exception_handler(lambda _, about: told.append(str(about["exception"])))
+
+        def step() -> float:
+            raise ValueError("no sample")
+
+        loop.call_repeatedly(0.1, step)
+        await asyncio.sleep(1.0)
+        return told
+
+    assert run_virtual(scene()) == ["no sample"]
