@@ -83,9 +83,10 @@ class ObjectInputs(ObjectDevice):
 
     def _poll(self, t: float, tick: int) -> InputsState:
         read = t + self.config.time_offset_s + self._half_s * _between(tick)
-        levels, counts = self._module.levels(read), self._module.counts(read)
-        if self._last is not None and self._last[:2] == (levels, counts):
-            return self._last[2]
+        levels, counts = self._module.image(read)
+        last = self._last
+        if last is not None and last[0] == levels and last[1] == counts:
+            return last[2]
         now = tuple([levels[k] for k in self._channels]), tuple([counts[k] for k in self._channels if counts])
         if self._before is not None:
             self._changes = tuple(

@@ -41,7 +41,12 @@ class InputChannel:
 
     def count(self, t: float) -> int:
         """How many rising edges the module has seen by ``t``."""
-        return (self._index(t) + (not self._at_first)) // 2
+        return self.image(t)[1]
+
+    def image(self, t: float) -> tuple[bool, int]:
+        """What :meth:`level` and :meth:`count` say at ``t``."""
+        changes = self._index(t)
+        return self._level(changes), (changes + (not self._at_first)) // 2
 
     def bounce(self, t: float, duration_s: float) -> None:
         """From ``t`` on the contact bounces for so long at every edge."""

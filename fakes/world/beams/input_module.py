@@ -43,12 +43,20 @@ class InputModule:
 
         As many as :meth:`levels` has; none at all when the module has no counters.
         """
-        if not self.truth.counters:
-            return ()
+        return self.image(t)[1]
+
+    def image(self, t: float) -> tuple[tuple[bool, ...], tuple[int, ...]]:
+        """What :meth:`levels` and :meth:`counts` say at ``t``."""
         t = self._shown(t)
-        preset = self._presets[bisect_right(self._presets, t, key=_when) - 1][1]
-        pairs = zip(self._inputs, preset, strict=True)
-        return tuple([(channel.count(t) + more) % self.MODULUS for channel, more in pairs])
+        both = [channel.image(t) for channel in self._inputs]
+        levels = tuple([level for level, _ in both])
+        if not self.truth.counters:
+            return levels, ()
+        preset = self._presets[0][1]
+        if len(self._presets) > 1:
+            preset = self._presets[bisect_right(self._presets, t, key=_when) - 1][1]
+        counts = tuple([(count + more) % self.MODULUS for (_, count), more in zip(both, preset, strict=True)])
+        return levels, counts
 
     # -- faults
 
@@ -88,6 +96,8 @@ class InputModule:
 
     def _shown(self, t: float) -> float:
         """The time whose image the module shows at ``t``."""
+        if len(self._frozen) == 1:
+            return t
         since, frozen = self._frozen[bisect_right(self._frozen, t, key=_when) - 1]
         return since if frozen else t
 

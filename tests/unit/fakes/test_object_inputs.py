@@ -289,7 +289,7 @@ def test_a_pulse_between_two_polls_is_seen_by_a_module_that_counts(subject: Call
 def test_a_module_without_counters_shows_only_what_polls_find(
     subject: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(InputModule, "counts", lambda self, t: ())
+    monkeypatch.setattr(InputModule, "image", lambda self, t: (self.levels(t), ()))
 
     async def scene(inputs: ObjectInputs) -> int:
         end = cross(inputs)
