@@ -14,6 +14,8 @@ from cell.errors import error
 from cell.store.json_text import JsonText, json_text
 
 MAX_JSON_BYTES = 256 * 2**20
+_AS_THEY_ARE = {int, str, bool, type(None)}  # lists of nothing else are plain
+_NUMBERS = {float}  # and of these where all are finite
 
 
 @contextmanager
@@ -120,6 +122,9 @@ def plain(value: Any) -> Any:
     if kind is int or kind is str or kind is bool or value is None:
         return value
     if kind is list:
+        kinds = set(map(type, value))
+        if kinds <= _AS_THEY_ARE or (kinds <= _NUMBERS and all(map(math.isfinite, value))):
+            return value.copy()
         return [plain(item) for item in value]
     if isinstance(value, Enum):
         return plain(value.value)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cell.clock import MonotonicClock
 from cell.errors import CellError, InputError
 from cell.packml import PackML
-from cell.store.files import AppendFile, append_lines, read_json, set_aside, to_json, write_atomic
+from cell.store.files import AppendFile, append_lines, plain, read_json, set_aside, to_json, write_atomic
 from cell.store.framed import HEADER, FramedWriter, read_framed
 from cell.store.journal import Journal, read_journal
 
@@ -84,6 +84,26 @@ def test_json_carries_numpy_enums_and_paths_and_turns_nan_into_null() -> None:
         "i": float("inf"),
     }
     assert json.loads(to_json(value)) == {"a": [1.0, None], "n": 3, "s": 4, "p": "/x", "i": None}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ([1.0, float("nan"), -float("inf")], "[1.0, null, null]"),
+        ([1, float("inf")], "[1, null]"),
+        ([1, True, "a", None], '[1, true, "a", null]'),
+        ([np.float64(1.5), 2.0], "[1.5, 2.0]"),
+        ([[float("nan")], [np.int64(3)]], "[[null], [3]]"),
+    ],
+)
+def test_a_list_is_plain_whatever_is_in_it(value: list[object], text: str) -> None:
+    assert to_json(value) == text
+
+
+def test_a_plain_list_is_not_the_one_that_was_given() -> None:
+    value = [1.0, 2.0]
+    assert plain(value) == value
+    assert plain(value) is not value
 
 
 def test_corrupt_files_are_kept_under_new_names(tmp_path: Path) -> None:
