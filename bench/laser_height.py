@@ -31,7 +31,8 @@ from fakes.object import VirtualClock, run_virtual
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 TOOL, COUNT = "pin", 3
-CELLS = ("round-14", "round-30", "flat-14", "flat-30", "round-14-late", "flat-30-late")
+USUAL = ("round-14", "round-30", "flat-14", "flat-30")
+CELLS = (*USUAL, *(f"{cell}-late" for cell in USUAL))
 LATE_GAP_S = 0.1
 
 
