@@ -22,6 +22,7 @@ from daemon.controller_limits import told_by
 from daemon.deciding import Decisions
 from daemon.dry_run import dry_run
 from daemon.job_config import make_procedure
+from daemon.last_seconds import keep_last_seconds
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
 from daemon.program_start import ProgramStart
@@ -356,6 +357,9 @@ class Engine:
             await asyncio.wait([job, loss, gone])
             with suppress(CellError):  # a folder that cannot be written: the end says so
                 run.note("device", device="cell PC", event="timing", **timing.end())
+                if failure is not None:
+                    used = [self.context.supervisor.devices[name].device for name in devices]
+                    await keep_last_seconds(folder.path, used, self.context.clock.now())
             await self._close(run, folder, job, failure)
 
     async def _work(self, run: Run) -> None:

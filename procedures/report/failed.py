@@ -9,6 +9,7 @@ from cell.store.files import write_atomic
 from procedures.report.cover import Cover, cover, stopped_by
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section, table
+from procedures.report.last_seconds import last_seconds_section
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source, of_folder
 from procedures.report.timeline import timeline
@@ -40,6 +41,7 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
             _cause(source),
             _timing(source),
             _taken_again(source),
+            last_seconds_section(folder),
             timeline(source, shown, routine=True, newest=MOST_ENTRIES),
             *(paragraph(line) for line in source.missing),
         ]

@@ -1,5 +1,6 @@
 """The report of an aborted run: its first page says NO-GO and why, and it tells how timely data were."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,32 @@ def test_it_tells_the_last_entries_with_the_moves_and_how_old_the_states_were(fo
     assert "motion move_linear" in text
     assert "the arm's states were old by 10.6 ms 136.8 ms" in text
     assert "the event loop woke late" not in text  # it was not measured
+
+
+LAST = {
+    "schema": "cellward.last-seconds/1",
+    "devices": {
+        "arm": {"columns": [["joint 1", "rad"], ["speed of joint 1", "rad/s"]], "rows": [[-0.5, 1.0, 0.5]]},
+        "beams": {"columns": [["xs", ""], ["ys", ""]], "rows": [[-0.02, 0, 1], [-0.01, 1, 1]]},
+    },
+}
+
+
+def test_it_draws_the_last_seconds_of_the_devices(folder: Path) -> None:
+    (folder / "last_seconds.json").write_text(json.dumps(LAST), "utf-8")
+    html = write_failed_report(folder).read_text("utf-8")
+    assert "The last seconds" in Page(html).text
+    for drawn in ("arm, deg\\u002fs", "speed of joint 1", "28.64", "beams", "last-beams-0"):
+        assert drawn in html, drawn
+    assert "last-arm-1" not in html  # where the joint stood is not drawn
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"devices": {"arm": {"columns": 3, "rows": [[1]]}}}'])
+def test_last_seconds_that_cannot_be_read_cost_no_report(folder: Path, text: str) -> None:
+    (folder / "last_seconds.json").write_text(text, "utf-8")
+    told = Page(write_failed_report(folder).read_text("utf-8")).text
+    assert "last_seconds.json cannot be read" in told
+    assert "newest sample is 0.136 s old" in told
 
 
 def test_a_run_that_somebody_stopped_says_who_did(tmp_path: Path) -> None:
