@@ -407,7 +407,8 @@ class Engine:
         self._task = self._job = self._ending = None
         self._closing = False
         level = logging.INFO if failure is None else logging.ERROR
-        log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
+        told = failure or verdict
+        log.log(level, "run %d %s%s", run.id, outcome, f": {told}" if told else "")
         self.publish()
         if run.result is None:
             self.report_wanted(folder.path)

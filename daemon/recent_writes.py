@@ -12,11 +12,15 @@ KEPT = 20
 
 
 class RecentWrites:
-    """The newest audit lines in memory, oldest first; they are written to the ledger first."""
+    """The newest audit lines in memory, oldest first; a ledger that is locked or full delays none.
+
+    Accepted ones and refused ones are kept apart: a stranger who is refused all the time hides nobody.
+    """
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
-        self._lines: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._accepted: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._refused: deque[dict[str, Any]] = deque(maxlen=KEPT)
         self._listeners: list[Callable[[], None]] = []
         self.number = 0
 
@@ -29,17 +33,19 @@ class RecentWrites:
         """What audits one channel; called in threads."""
 
         def note(who: str, what: str, accepted: bool, detail: str) -> None:
-            try:
-                self._ledger.audit(channel, who, what, accepted, detail)
-            finally:  # what a full disk could not keep is shown all the same
-                self.number += 1
-                line = {"channel": channel, "who": who, "what": what, "accepted": accepted, "detail": detail}
-                self._lines.append({"number": self.number, "at": time.time(), **line})
-                for listener in tuple(self._listeners):
-                    listener()
+            self.number += 1
+            line = {"channel": channel, "who": who, "what": what, "accepted": accepted, "detail": detail}
+            lines = self._accepted if accepted else self._refused
+            lines.append({"number": self.number, "at": time.time(), **line})
+            for listener in tuple(self._listeners):
+                listener()
+            self._ledger.audit(channel, who, what, accepted, detail)
 
         return note
 
     def newest(self, count: int = KEPT) -> list[dict[str, Any]]:
-        """The newest ``count`` lines, oldest first."""
-        return list(self._lines)[-count:]
+        """The newest ``count`` lines, oldest first; half of them are kept for accepted ones, if there are."""
+        accepted, refused = list(self._accepted)[-count:], list(self._refused)
+        refused = refused[-max(count // 2, count - len(accepted)) :]
+        accepted = accepted[len(accepted) - (count - len(refused)) :] if len(refused) < count else []
+        return sorted([*accepted, *refused], key=lambda line: int(line["number"]))
