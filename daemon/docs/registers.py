@@ -43,10 +43,11 @@ bounds is refused with 4005, and nothing is started. Commands other than 1, 8, 1
 arguments. A refusal is 0x8000 plus the error's number, so 6001 (a job is running) is 0x9771;
 [errors.md](errors.md) lists them.
 
-The same sequence again does nothing, so a lost reply may be retried. What stands in the block when the daemon
-starts is no command. Abort and halt withdraw commands before them that are still under way. Completion is not
-success: read the status bits; the verdict belongs to `run_id`. Once `plc_heartbeat` has been seen, its
-silence holds the job, and only abort and halt are taken.
+The same sequence again does nothing, so a lost reply may be retried. A start whose sequence cannot be written
+to disk within 1 s is refused with 2102: after a restart the same request would start the job again. What
+stands in the block when the daemon starts is no command. Abort and halt withdraw commands before them that
+are still under way. Completion is not success: read the status bits; the verdict belongs to `run_id`. Once
+`plc_heartbeat` has been seen, its silence holds the job, and only abort and halt are taken.
 
 *No new picks* is a level: while it is set, `belt-tracking` waits above the belt in Suspended, and what passes
 is counted as missed. It belongs to no run: one that starts while the bit is set waits, too, whoever started
