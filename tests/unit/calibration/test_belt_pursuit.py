@@ -134,3 +134,15 @@ def test_a_way_that_would_take_hours_is_refused_with_a_code() -> None:
     crawling = PursuitLimits(v=1e-7, a=6.0, j=80.0, yaw_v=1e-7)
     with pytest.raises(CellError, match="no motion within the limits"):
         plan(0.0, START, FixedPoint(np.array([0.6, 0.5, 0.3, 0.3])), ABOVE, crawling)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-16, 1e-14, 1e-12, 1e-9])
+def test_an_axis_that_has_nothing_to_do_but_for_rounding_stays_where_it_is(size: float) -> None:
+    at, up = np.array([0.15, 0.85, 0.35, 0.0]), np.array([0.0, 0.0, 0.05, 0.0])
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        off, v, a = size * rng.choice([-2.0, -1.0, 0.0, 1.0], (3, 4)) * rng.uniform(0.1, 2.0, (3, 4))
+        leg = plan(0.0, PursuitState(at + off, v, a), FixedPoint(at), up, LIMITS)
+        way = np.array([leg.at(t).p - at for t in np.linspace(0.0, leg.t1, 9)])
+        assert np.abs(way[:, [0, 1, 3]]).max() <= 1e-8, "sideways, while it rises"
+        assert way[-1, 2] == pytest.approx(0.05)
