@@ -4,6 +4,7 @@ A device whose link was opened anew since then has told nothing of before.
 """
 
 import asyncio
+import logging
 from collections.abc import Iterable, Sequence
 from math import sqrt
 from pathlib import Path
@@ -13,8 +14,11 @@ from cell.devices import Arm, ArmState, Device, DigitalInputs, Encoder
 from cell.kinds import as_kind, plays
 from cell.samples import Readings, Sample
 from cell.store.files import to_json, write_atomic
+from cell.store.runs import LAST_SECONDS_FILE
 
-FILE, SCHEMA = "last_seconds.json", "cellward.last-seconds/1"
+log = logging.getLogger("cellward.engine")
+
+SCHEMA = "cellward.last-seconds/1"
 LAST_S = 5.0
 MOST_ROWS = 500  # of a device; of more, every second or third is kept
 
@@ -27,9 +31,13 @@ _ARM = (
 
 
 async def keep_last_seconds(folder: Path, devices: Iterable[Device], now: float) -> None:
-    """Write ``last_seconds.json`` of a run's ``folder``; errors as of ``write_atomic``."""
-    told = last_seconds(devices, now)
-    await asyncio.to_thread(write_atomic, folder / FILE, to_json(told))
+    """Write ``last_seconds.json`` of a run's ``folder``. Whatever keeps it from that is logged: the end of
+    the run is worth more."""
+    try:
+        told = last_seconds(devices, now)
+        await asyncio.to_thread(write_atomic, folder / LAST_SECONDS_FILE, to_json(told))
+    except Exception as exc:
+        log.warning("the last seconds before %s failed are not kept: %s", folder.name, exc)
 
 
 def last_seconds(devices: Iterable[Device], now: float) -> dict[str, Any]:

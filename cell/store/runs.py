@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 RUN_SCHEMA = "cellward.run/1"
 END_SCHEMA = "cellward.end/1"
 JOURNAL_FILE, RESULT_FILE = "journal.jsonl", "result.json"
+LAST_SECONDS_FILE = "last_seconds.json"  # of a run that failed
 ALTERED = "altered"  # in the place of the verdict of a result that is not as it was at the end of its run
 RESULT_SUM = "result_sha256"
 _NAME = re.compile(r"(?P<utc>\d{8}T\d{6}Z)_(?P<job>[a-z0-9][a-z0-9-]*)_(?P<id>\d+)")

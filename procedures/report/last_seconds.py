@@ -7,10 +7,10 @@ from typing import Any
 
 from cell.errors import CellError
 from cell.store.files import read_json
+from cell.store.runs import LAST_SECONDS_FILE
 from procedures.report.figure import PALETTE, embed, figure, label, polyline
 from procedures.report.html import Html, join, note, section
 
-FILE = "last_seconds.json"
 _HEIGHT = 230
 # What is drawn, by its unit, and the unit for people. Where joints stand says little beside their speed.
 _SHOWN = {"rad/s": ("deg/s", degrees(1.0)), "N": ("N", 1.0), "": ("", 1.0)}
@@ -18,17 +18,17 @@ _SHOWN = {"rad/s": ("deg/s", degrees(1.0)), "N": ("N", 1.0), "": ("", 1.0)}
 
 def last_seconds_section(folder: Path | None) -> Html | None:
     """None where the run has no such file; a damaged one is said to be."""
-    if folder is None or not (folder / FILE).is_file():
+    if folder is None or not (folder / LAST_SECONDS_FILE).is_file():
         return None
     title = "The last seconds"
     try:
-        devices = read_json(folder / FILE)["devices"]
+        devices = read_json(folder / LAST_SECONDS_FILE)["devices"]
         drawn = [one for name, told in devices.items() for one in _figures(str(name), told)]
     except (CellError, KeyError, TypeError, ValueError, AttributeError) as exc:
-        return section(title, note(f"{FILE} cannot be read: {type(exc).__name__}: {exc}"))
+        return section(title, note(f"{LAST_SECONDS_FILE} cannot be read: {type(exc).__name__}: {exc}"))
     if not drawn:
         return section(title, note("The links of all devices were opened anew since then."))
-    return section(title, note("Time to the end of the run, s; after it the arm stands."), join(drawn))
+    return section(title, note("Time to the end of the run, s."), join(drawn))
 
 
 def _figures(name: str, told: dict[str, Any]) -> list[Html]:

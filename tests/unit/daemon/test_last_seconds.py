@@ -9,7 +9,8 @@ from cell.devices import DigitalInputs, Encoder, EncoderState, InputsState
 from cell.errors import error
 from cell.samples import Sample, Stream
 from cell.store.files import read_json
-from daemon.last_seconds import FILE, LAST_S, MOST_ROWS, last_seconds
+from cell.store.runs import LAST_SECONDS_FILE
+from daemon.last_seconds import LAST_S, MOST_ROWS, last_seconds
 from fakes.object import VirtualClock, run_virtual
 from procedures.hand_eye.record import CaptureRecord
 from tests.kit.hand_eye_made import quick_solver
@@ -33,7 +34,7 @@ def test_a_run_that_failed_has_them_and_one_that_did_not_has_none(
                 assert (await cell.run_job())["outcome"] == "aborted"
             q = cell.plant.world.track.at(cell.clock.now())[0]
             assert (await cell.run_job())["outcome"] == "complete"
-            failed, good = cell.folder(1).path / FILE, cell.folder(2).path / FILE
+            failed, good = cell.folder(1).path / LAST_SECONDS_FILE, cell.folder(2).path / LAST_SECONDS_FILE
             told = read_json(failed)["devices"]["arm"]
             assert not good.exists()
         assert [name for name, _ in told["columns"]][:2] == ["joint 1", "joint 2"]
@@ -42,6 +43,24 @@ def test_a_run_that_failed_has_them_and_one_that_did_not_has_none(
         assert -LAST_S <= times[0] < times[-1] <= 0.0
         assert times[-1] > -0.1
         assert told["rows"][-1][1:7] == pytest.approx(list(q), abs=1e-3)
+
+    run_virtual(main())
+
+
+@pytest.mark.usefixtures("no_report", "quick_solver")
+def test_what_cannot_be_told_costs_no_run_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: Any) -> Any:
+        raise ValueError("nan is no JSON")
+
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            with monkeypatch.context() as patch:
+                patch.setattr(CaptureRecord, "add_pose", full)
+                patch.setattr("daemon.last_seconds.last_seconds", broken)
+                end = await cell.run_job()
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "DISK_FULL")
+            assert not (cell.folder(1).path / LAST_SECONDS_FILE).exists()
+            assert (await cell.run_job())["outcome"] == "complete"
 
     run_virtual(main())
 
