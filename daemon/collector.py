@@ -2,14 +2,18 @@
 
 A collection of all that lives takes tens of milliseconds, in which the loop stands still. What start-up made
 is frozen, the automatic collections look at young objects only, and the whole is collected while no job runs.
+
+Young objects are counted as those made less those freed, whatever their age. Buffers of samples free an old
+one for each new one, so there are more to look at when the count is reached: with a count of 20 000, beside
+an arm of 500 states a second, they were 34 000 to 54 000, which took 12 to 40 ms.
 """
 
 import asyncio
 import gc
 from collections.abc import Callable
 
-YOUNG = 20_000  # new objects between two collections of the young ones
-MIDDLE = 2  # of those, between two of the middle generation: 60 000 objects are looked at in 3 ms
+YOUNG = 1_000  # more objects made than freed between two collections of the young ones
+MIDDLE = 2  # of those, between two of the middle generation
 NEVER = 1_000_000_000
 PERIOD_S = 30.0
 
