@@ -1,16 +1,27 @@
 """How well a rehearsal tells what comes: each job on many twins of the example cell, on virtual time.
 
-``python -m bench.rehearsal [TWINS] [JOB ...]`` (10 twins, all jobs). A row a job: in how many twins it ended
-well, in how many the result's errors were all below the 95 % limits stated for them, the cell's time, and
-the computer's. The cell is ``deploy/cell.toml`` with every part that is commented out there.
+``python -m bench.rehearsal [TWINS] [JOB ...] [--first SEED] [--keep FILE]`` (10 twins, all jobs). A row a
+job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
+for them, with the exact 95 % interval of that share, the cell's time, and the computer's. Below it are the
+twins in which it did not end well, and those outside: each error there in units of its limit. The cell is
+``deploy/cell.toml`` with every part that is commented out there. With ``--keep FILE`` a bench that was ended
+goes on where it was, and the table is made of all twins in the file.
 """
 
 import argparse
 import contextlib
 import io
+import json
+import sys
 import tempfile
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import product
 from pathlib import Path
+from typing import Any
+
+from scipy.special import betaincinv
 
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
@@ -39,35 +50,94 @@ BELT = {
 CHANGED = {"belt": BELT, "tracker": LASER_TRACKER}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+@dataclass(frozen=True)
+class Played:
+    """A job in one twin, and the processor time (s) that it took."""
+
+    job: str
+    outcome: RehearsedRun
+    computer_s: float
+
+    def as_json(self) -> str:
+        """One line."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, line: str) -> "Played":
+        """Of what :meth:`as_json` gave."""
+        found: Mapping[str, Any] = json.loads(line)
+        known = {f.name for f in fields(RehearsedRun)}
+        outcome = {name: value for name, value in found["outcome"].items() if name in known}
+        return cls(found["job"], RehearsedRun(**outcome), found["computer_s"])
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m bench.rehearsal", description=__doc__)
     parser.add_argument("twins", nargs="?", type=int, default=10)
     parser.add_argument("jobs", nargs="*", metavar="JOB", help=", ".join(JOBS))
-    options = parser.parse_args()
-    print(f"{'job':22}{'twins':>6}{'ended well':>12}{'inside 95 %':>13}{'cell, s':>9}{'computer, s':>13}")
-    for job in options.jobs or JOBS:
-        outcomes, seconds = _played(job, options.twins)
-        stated = [o.inside95 for o in outcomes if o.inside95 is not None]
-        inside = f"{sum(stated)}/{len(stated)}" if stated else "-"
-        cell = sorted(o.seconds for o in outcomes)[len(outcomes) // 2]
-        well = sum(o.succeeded for o in outcomes)
-        row = f"{job:22}{len(outcomes):6}{well:12}{inside:>13}{cell:9.0f}{seconds / len(outcomes):13.1f}"
-        print(row, flush=True)
-        for outcome in outcomes:
-            if not outcome.succeeded:
-                why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"
-                print(f"    twin {outcome.seed}: {outcome.ended} {outcome.verdict} {why}", flush=True)
+    parser.add_argument("--first", type=int, default=1, help="seed of the first; others follow it")
+    parser.add_argument("--keep", type=Path, help="file of twins: new ones are added, old ones not run")
+    options = parser.parse_args(arguments)
+    jobs = list(dict.fromkeys(options.jobs or JOBS))
+    kept = _kept(options.keep) if options.keep else []
+    done = {(played.job, played.outcome.seed) for played in kept}
+    # Seed by seed, so that a bench that is ended early has as many of each job.
+    for seed, job in product(range(options.first, options.first + options.twins), jobs):
+        if (job, seed) in done:
+            continue
+        kept.append(_play(job, seed))
+        if options.keep:
+            with options.keep.open("a", encoding="utf-8") as file:
+                file.write(kept[-1].as_json() + "\n")
+    print(f"{'job':22}{'twins':>6}{'ended well':>12}{'inside 95 %':>24}{'cell, s':>9}{'computer, s':>13}")
+    for job in jobs:
+        for line in lines_of([played for played in kept if played.job == job]):
+            print(line, flush=True)
 
 
-def _played(job: str, twins: int) -> tuple[list[RehearsedRun], float]:
-    began, outcomes = time.process_time(), []
-    for seed in range(1, twins + 1):
-        with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:
-            path = whole_example(Path(folder), CHANGED.get(job.partition("-")[0], {}))
-            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                outcomes.append(rehearse(load_config(path), path, job, seed, Path(folder)))
-    return outcomes, time.process_time() - began
+def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
+    """The row of one job, and its twins that did not end well or were outside."""
+    if not of_job:
+        return
+    outcomes = [played.outcome for played in sorted(of_job, key=lambda p: p.outcome.seed)]
+    stated = [o.inside95 for o in outcomes if o.inside95 is not None]
+    inside = "-"
+    if stated:
+        low, high = exact_interval(sum(stated), len(stated))
+        inside = f"{sum(stated)}/{len(stated)} ({100 * low:.1f} to {100 * high:.1f} %)"
+    cell = sorted(o.seconds for o in outcomes)[len(outcomes) // 2]
+    well = sum(o.succeeded for o in outcomes)
+    computer = sum(played.computer_s for played in of_job) / len(of_job)
+    yield f"{of_job[0].job:22}{len(outcomes):6}{well:12}{inside:>24}{cell:9.0f}{computer:13.1f}"
+    for outcome in outcomes:
+        if not outcome.succeeded:
+            why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"
+            yield f"    twin {outcome.seed}: {outcome.ended} {outcome.verdict} {why}"
+        if outcome.inside95 is False:
+            errors = ", ".join(f"{name} {share:.2f}" for name, share in outcome.of95.items())
+            yield f"    twin {outcome.seed}: outside; of the 95 % limits: {errors}"
+
+
+def exact_interval(inside: int, of: int) -> tuple[float, float]:
+    """95 % interval of a share of which ``inside`` of ``of`` were seen, by Clopper and Pearson (1934)."""
+    low = float(betaincinv(inside, of - inside + 1, 0.025)) if inside else 0.0
+    high = float(betaincinv(inside + 1, of - inside, 0.975)) if inside < of else 1.0
+    return low, high
+
+
+def _kept(path: Path) -> list[Played]:
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    return [Played.from_json(line) for line in lines]
+
+
+def _play(job: str, seed: int) -> Played:
+    began = time.process_time()
+    with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:
+        path = whole_example(Path(folder), CHANGED.get(job.partition("-")[0], {}))
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            outcome = rehearse(load_config(path), path, job, seed, Path(folder))
+    return Played(job, outcome, time.process_time() - began)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

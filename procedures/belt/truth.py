@@ -10,7 +10,7 @@ from scipy.special import bdtr
 
 from cell.errors import error
 from procedures.belt.result import BeltCalibrationResult, BeltTrackingResult
-from procedures.beside_truth import SURE_SCALAR, SURE_TILT, Judged
+from procedures.beside_truth import SURE_SCALAR, SURE_TILT, Judged, all_inside
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
@@ -30,7 +30,8 @@ def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: 
     apart = f"{100 * off:.3f} %, {degrees(turn):.3f} deg"
     words = "consistent with" if good else "NOT consistent with"
     text = f"travel of one count and direction are off by {apart}\n{words} the stated 95 % limits, {stated}"
-    return Judged(good, text, stated, apart, off <= share and turn <= turn95)
+    of95 = {"travel of one count": off / share, "direction": turn / turn95}
+    return Judged(good, text, stated, apart, all_inside(of95), of95)
 
 
 def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:
@@ -69,7 +70,7 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
     told, off_text = f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
-    inside95 = None
+    inside95, of95 = None, {}
     if (stated := result.result.contact_95_m) is not None and len(met):
         within = int(np.sum(total <= stated))
         without = "".join(f"; without {what}" for what in result.result.contact_95_without or ())
@@ -78,4 +79,5 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         told += f", contact within {1e3 * stated:.3f} mm (95 %{', not all covered' if without else ''})"
         off_text += f", {within} of {len(met)} within"
         inside95 = bool(bdtr(within, len(met), 0.95) > 0.05)  # no fewer than chance lets
-    return Judged(good, "\n".join(text), told, off_text, inside95)
+        of95 = {f"the largest of {len(met)} contacts": float(total.max()) / stated}
+    return Judged(good, "\n".join(text), told, off_text, inside95, of95)

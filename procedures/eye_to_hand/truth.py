@@ -30,4 +30,5 @@ def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -
         f"{M2_LIMIT}): {words} the stated uncertainty\nblamed: {answer.blamed}"
     )
     stated = f"standard uncertainty {mm(sigma[0])}, {deg(sigma[1])}"
-    return Judged(good, text, stated, off, m2 <= M2_95)
+    of95 = {"distance by the covariance": float(np.sqrt(m2 / M2_95))}
+    return Judged(good, text, stated, off, m2 <= M2_95, of95)

@@ -15,7 +15,7 @@ from cell.errors import error
 from cell.formats.robot import parse_robot
 from cell.poses import Array, from_pose6, log_xi
 from cell.store.files import read_json
-from procedures.beside_truth import Judged
+from procedures.beside_truth import Judged, all_inside
 from procedures.hand_eye.record import CAPTURE_FILE
 from procedures.hand_eye.result import ArmError, ArmFromBoard, HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import SETUPS, spread_lines
@@ -64,22 +64,24 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
     if result.result.arm is not None and result.result.robot is not None:
         configured = read_json(folder / CAPTURE_FILE)["robot"]
         arm = judge_corrected(result.result.arm, result.result.robot, truth["robot"], configured)
-    text = judgement_text(judgement, result.result)
+    text, of95 = judgement_text(judgement, result.result), _of95(result, off)
     return Judged(
         judgement.good and (arm is None or arm.good),
         text if arm is None else f"{text}\n{arm.text}",
         f"standard uncertainty {_size_text(sigma)}",
         _size_text(off),
-        _inside95(result, off),
+        all_inside(of95),
+        of95,
     )
 
 
-def _inside95(result: HandEyeResult, off: Array) -> bool | None:
-    """Whether translation and rotation are both within what is stated of them."""
-    limits = result.uncertainty.error95_t_m, result.uncertainty.error95_r_rad
-    if limits[0] is None or limits[1] is None:
-        return None
-    return bool(np.linalg.norm(off[:3]) <= limits[0] and np.linalg.norm(off[3:]) <= limits[1])
+def _of95(result: HandEyeResult, off: Array) -> dict[str, float]:
+    """Translation and rotation in units of what is stated of them; nothing where nothing is."""
+    t95, r95 = result.uncertainty.error95_t_m, result.uncertainty.error95_r_rad
+    if t95 is None or r95 is None:
+        return {}
+    t, r = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+    return {"translation": t / t95, "rotation": r / r95}
 
 
 def judge_corrected(

@@ -51,7 +51,9 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
         effect = "the second scan met the reference and the new frame is in effect"
         text.append(effect if accepted else "the new frame was NOT put into effect")
     stated = f"U95 {1e3 * U:.3f} mm, {degrees(U_tilt):.3f} deg"
-    return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg", not beyond)
+    off_text = f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg"
+    of95 = {"point": apart / U, "tilt": tilt / U_tilt}
+    return Judged(good, "\n".join(text), stated, off_text, not beyond, of95)
 
 
 def _beyond(beyond: bool) -> str:
@@ -98,6 +100,7 @@ def judge_beams(result: ReferenceResult, truth: Mapping[str, Any], folder: Path)
         stated,
         f"{1e3 * worst:.3f} mm",
         worst <= result.uncertainty.U_point_m,
+        {"the worse beam": worst / result.uncertainty.U_point_m},
     )
 
 

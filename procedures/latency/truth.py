@@ -22,7 +22,12 @@ def judge_delay(result: LatencyResult, truth: Mapping[str, Any], folder: Path) -
         f"{1e3 * off:.3f} ms\n{words} the stated 95 % interval, {1e3 * low:.3f} to {1e3 * high:.3f} ms"
     )
     return Judged(
-        good, text, f"95 % within {1e3 * half:.3f} ms", f"{1e3 * abs(off):.3f} ms", abs(off) <= half
+        good,
+        text,
+        f"95 % within {1e3 * half:.3f} ms",
+        f"{1e3 * abs(off):.3f} ms",
+        abs(off) <= half,
+        {"delay": abs(off) / half},
     )
 
 

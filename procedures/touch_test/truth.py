@@ -9,7 +9,7 @@ import numpy as np
 from calibration.touch import common_motion
 from cell.errors import error
 from cell.poses import from_pose6
-from procedures.beside_truth import Judged
+from procedures.beside_truth import Judged, all_inside
 from procedures.touch_test.data import read_data_set
 from procedures.touch_test.judging import points_of
 from procedures.touch_test.result import TouchResult
@@ -38,5 +38,5 @@ def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> 
         f"{'consistent with' if good else 'NOT consistent with'} the stated uncertainty"
     )
     stated = f"off by {mm(answer.shift_m)} +- {mm(of.shift_95_m)} (95 %)"
-    inside = shift <= of.shift_95_m and turn <= of.turn_95_rad
-    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", inside)
+    of95 = {"shift": shift / of.shift_95_m, "turn": turn / of.turn_95_rad}
+    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", all_inside(of95), of95)

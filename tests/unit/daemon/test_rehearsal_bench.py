@@ -1,0 +1,64 @@
+"""The bench of rehearsals: its table is made of all twins that were kept, over several sittings."""
+
+from pathlib import Path
+
+import pytest
+
+import bench.rehearsal as subject
+from daemon.rehearsal.play import RehearsedRun
+
+
+def played(job: str, seed: int) -> subject.Played:
+    """Outside in every fourth twin."""
+    turn = 0.5 if seed % 4 else 1.25
+    outcome = RehearsedRun(
+        seed, "complete", 60.0, "pass", "1 mm", "2 mm", True, turn < 1.0, {"shift": 0.5, "turn": turn}
+    )
+    return subject.Played(job, outcome, 2.0)
+
+
+def test_a_bench_goes_on_where_it_was_and_tells_which_error_was_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran: list[tuple[str, int]] = []
+
+    def play(job: str, seed: int) -> subject.Played:
+        if seed == 4 and len(ran) < 4:
+            raise KeyboardInterrupt
+        ran.append((job, seed))
+        return played(job, seed)
+
+    monkeypatch.setattr(subject, "_play", play)
+    words = ["2", "cone-capture", "laser-check", "--first", "3", "--keep", str(tmp_path / "kept.jsonl")]
+    with pytest.raises(KeyboardInterrupt):
+        subject.main(words)
+    ran += [("", 0)] * 2  # now the others run too
+    subject.main(words)
+    assert [one for one in ran if one[0]] == [
+        ("cone-capture", 3),
+        ("laser-check", 3),
+        ("cone-capture", 4),
+        ("laser-check", 4),
+    ]
+    capsys.readouterr()
+    subject.main(["1", "cone-capture", "--first", "8", "--keep", str(tmp_path / "kept.jsonl")])
+    told = capsys.readouterr().out.splitlines()
+    assert told[1].split() == ["cone-capture", "3", "3", "1/3", "(0.8", "to", "90.6", "%)", "60", "2.0"]
+    assert told[2:] == [
+        f"    twin {seed}: outside; of the 95 % limits: shift 0.50, turn 1.25" for seed in (4, 8)
+    ]
+
+
+def test_what_is_kept_is_read_as_it_was_also_with_figures_that_are_no_more(tmp_path: Path) -> None:
+    line = played("x", 4).as_json()
+    assert subject.Played.from_json(line) == played("x", 4)
+    assert subject.Played.from_json(line.replace('"seed"', '"gone": 1, "seed"')) == played("x", 4)
+
+
+@pytest.mark.parametrize(
+    ("inside", "of", "low", "high"),
+    # Tables of the binomial distribution: 1 - 0.025^(1/n) of none, and 90 of 100.
+    [(0, 10, 0.0, 0.3085), (10, 10, 0.6915, 1.0), (90, 100, 0.8238, 0.9510)],
+)
+def test_the_interval_of_a_share_is_exact(inside: int, of: int, low: float, high: float) -> None:
+    assert subject.exact_interval(inside, of) == pytest.approx((low, high), abs=1e-4)
