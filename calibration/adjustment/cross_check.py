@@ -2,12 +2,13 @@
 
 The cell is measured twice: a target before the camera, then and now, and the tool in the beams, now against
 then; a tracker may have seen the arm of now, and the tool's point may have stood over a target that the
-camera of now has located. All of it is one adjustment with the camera's pose and the arm's numbers as common
-unknowns; a change of the tool, of the camera or of one joint's zero is an unknown with a prior that says:
-nothing happened. A hypothesis is that the prior of one part is wrong, and wide instead. What
-hypotheses are worth is their marginal likelihood (the evidence of MacKay 1992; a score test where one of them
-is far ahead), in which a part with many unknowns pays for them. A change that is constant to the tool,
-constant to the base, or varying with the joints shows as such in both measurements together.
+camera of now has located. All of it is one adjustment with the camera's pose and the numbers of arm and lens
+as common unknowns, those of the lens only where both captures are of one lens; a change of the tool, of the
+camera or of one joint's zero is an unknown with a prior that says: nothing happened. A hypothesis is that the
+prior of one part is wrong, and wide instead. What hypotheses are worth is their marginal likelihood (the
+evidence of MacKay 1992; a score test where one of them is far ahead), in which a part with many unknowns pays
+for them. A change that is constant to the tool, constant to the base, or varying with the joints shows as
+such in both measurements together.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +19,9 @@ import numpy as np
 
 from calibration.adjustment.arm_by_tracker import SeenArm
 from calibration.adjustment.hand_eye import Adjusted
+from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.touch import SeenTouch
-from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
+from calibration.adjustment.unknowns import GEARS, GEOMETRY, LENS_BLOCK, ArmKnown, arm_terms
 from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Setup
 from cell.poses import Array, adjoint
@@ -30,6 +32,9 @@ SURE = 0.975  # 40 to 1, that a part is named
 # Standard deviations of a change that happened, and of what changes in a cell to which nothing happened.
 _TOOL_M, _CAMERA_M, _CAMERA_RAD, _JOINT_RAD = 2e-3, 3e-3, 3e-3, 3e-3
 _STILL_M, _STILL_RAD = 1e-5, 1e-5
+# What a lens at a fixed focus differs by from one capture to the next: the picture of a camera drifts by some
+# 0.1 px for a degree (7 px for 50 degrees were measured), and warm cameras differ by a few.
+LENS_STILL = LensPrior(focal=1e-4, aspect=1e-5, centre_px=0.3, radial=3e-4, tangential=3e-5)
 _UNKNOWN = 10.0  # m and rad, of the camera's pose itself
 _BEFOREHAND = {NONE: 0.4, TOOL: 0.19, CAMERA: 0.19, JOINT: 0.19, SEVERAL: 0.03}  # two at once are rare
 _SEEN = 0.3  # of a joint zero's wide prior: a zero that is left more open shows in nothing
@@ -38,14 +43,21 @@ _POSE = 6
 
 @dataclass(frozen=True)
 class SeenCamera:
-    """What one capture says of the camera ``X`` (4, 4), for the arm's true base and flange, and of the arm's
-    ``numbers`` (a,): their ``cov`` (6 + a, 6 + a), X in its own frame, with the ``prior`` (a,) standard
+    """What one capture says of the camera ``X`` (4, 4), for the arm's true base and flange, and of the
+    ``numbers`` (a + l,): first those of the arm, then the ``lens`` ones of the lens: all of them or none.
+    ``cov`` (6 + a + l, 6 + a + l) is theirs, X in its own frame, with the ``prior`` (a + l,) standard
     deviations of the numbers in it."""
 
     X: Array
     numbers: Array
     cov: Array
     prior: Array
+    lens: int = 0
+
+    @property
+    def arm(self) -> Array:
+        """(a,) the numbers of the arm."""
+        return self.numbers[: len(self.numbers) - self.lens]
 
 
 @dataclass(frozen=True)
@@ -74,20 +86,27 @@ class CrossChecked:
     by_beams_alone: tuple[int, ...] = ()
 
 
-def seen_camera(found: Adjusted, arm: ArmKnown, setup: Setup) -> SeenCamera:
-    """From an adjustment, with the motions of base and flange put back that the arm's errors contain."""
+def seen_camera(found: Adjusted, arm: ArmKnown, setup: Setup, lens: LensPrior | None = None) -> SeenCamera:
+    """From an adjustment, with the motions of base and flange put back that the arm's errors contain.
+
+    ``lens`` is the prior that its lens had, where the other capture is of the same lens, given as the same.
+    """
     terms = arm_terms(arm, arm.Q[:1])
     gauge = np.concatenate([t.gauge for t in terms.values()], axis=1)
     a = gauge.shape[1]
     moves = gauge[:6] if setup == "eye-to-hand" else -gauge[6:]  # the camera's side
-    numbers = found.numbers[:a]
-    X = se3.exp(moves @ numbers) @ found.X
-    J = np.eye(_POSE + a)
-    J[:_POSE, _POSE:] = adjoint(se3.inverse(X)) @ moves
-    cov = np.block([[found.cov, found.cross[:, :a]], [found.cross[:, :a].T, found.cov_numbers[:a, :a]]])
     scale = {name: found.components.scale.get(name, 1.0) for name in (GEOMETRY, GEARS)}
     prior = np.concatenate([scale[name] * t.sigma for name, t in terms.items()])
-    return SeenCamera(X, numbers, J @ cov @ J.T, prior)
+    rows = np.arange(a)
+    if lens is not None:
+        rows = np.concatenate([rows, np.arange(len(found.names))[found.blocks[LENS_BLOCK]]])
+        prior = np.concatenate([prior, lens.sigma()])
+    X = se3.exp(moves @ found.numbers[:a]) @ found.X
+    J = np.eye(_POSE + len(rows))
+    J[:_POSE, _POSE : _POSE + a] = adjoint(se3.inverse(X)) @ moves
+    cross = found.cross[:, rows]
+    cov = np.block([[found.cov, cross], [cross.T, found.cov_numbers[np.ix_(rows, rows)]]])
+    return SeenCamera(X, found.numbers[rows], J @ cov @ J.T, prior, len(rows) - a)
 
 
 def cross_check(
@@ -98,7 +117,8 @@ def cross_check(
     arm: SeenArm | None = None,
     touch: SeenTouch | None = None,
 ) -> CrossChecked:
-    """``names`` (a,) are those of the arm's numbers; the zero of joint k is the number ``theta<k + 1>``.
+    """``names`` begins with those of the arm's numbers; the zero of joint k is the number ``theta<k + 1>``.
+    Both captures have the numbers of the lens, or none has.
     ``arm``: what a tracker tells of the arm of now; ``touch``: a touch test, by the adjustment of ``now``."""
     joints = [k for k in range(len(names)) if f"theta{k + 1}" in names]
     cell = _Cell(then, now, tool, [list(names).index(f"theta{k + 1}") for k in joints], arm, touch)
@@ -125,8 +145,9 @@ def cross_check(
 
 
 class _Cell:
-    """Unknowns: the camera's pose then (6), the arm's numbers (a), and the changes since: camera (6), tool
-    (3), zeros of the joints (j). What is measured says ``information`` and ``pull`` of them."""
+    """Unknowns: the camera's pose then (6), the numbers of arm and lens then (a + l), and the changes since:
+    camera (6), tool (3), zeros of the joints (j), lens (l). What is measured says ``information`` and
+    ``pull`` of them."""
 
     def __init__(
         self,
@@ -137,17 +158,20 @@ class _Cell:
         arm: SeenArm | None,
         touch: SeenTouch | None,
     ) -> None:
-        a, j = len(then.numbers), len(zeros)
-        self.camera = slice(_POSE + a, 2 * _POSE + a)
+        a, j, lens_count = len(then.arm), len(zeros), then.lens
+        common_count = _POSE + a + lens_count
+        self.camera = slice(common_count, common_count + _POSE)
         self.tool = slice(self.camera.stop, self.camera.stop + 3)
         self.joint = slice(self.tool.stop, self.tool.stop + j)
-        count = self.joint.stop
+        lens = slice(self.joint.stop, self.joint.stop + lens_count)
+        count = lens.stop
         common = np.concatenate([np.full(_POSE, _UNKNOWN), then.prior])
         self.prior = np.concatenate([common, np.full(count - len(common), np.nan)])
-        first = np.eye(_POSE + a, count)
+        first = np.eye(common_count, count)
         second = first.copy()
         second[:_POSE, self.camera] = np.eye(_POSE)
-        second[[_POSE + k for k in zeros], np.arange(self.joint.start, count)] = 1.0
+        second[[_POSE + k for k in zeros], np.arange(self.joint.start, self.joint.stop)] = 1.0
+        second[_POSE + a :, lens] = np.eye(lens_count)
         self.information, self.pull = np.zeros((count, count)), np.zeros(count)
         m = np.zeros(0)
         for seen, A in ((then, first), (now, second)):
@@ -158,7 +182,7 @@ class _Cell:
             self.information += A.T @ own @ A
             self.pull += A.T @ (N @ m)
         if arm is not None:
-            A = second[_POSE:]
+            A = second[_POSE : _POSE + a]
             self.information += A.T @ arm.information @ A
             self.pull += A.T @ arm.pull
         if tool is not None:
@@ -169,15 +193,16 @@ class _Cell:
             self.information += A.T @ W @ A
             self.pull += A.T @ W @ tool.moved
         if touch is not None:  # nothing would be off, were the cell as it truly is and not as it was found
-            A = touch.by_cell @ second
+            A = touch.by_cell @ second[: _POSE + a]
             A[:, self.tool] += touch.by_tool
             W = np.linalg.inv(touch.cov)
             self.information += A.T @ W @ A
-            self.pull += A.T @ W @ (touch.by_cell @ m - touch.off)
+            self.pull += A.T @ W @ (touch.by_cell @ m[: _POSE + a] - touch.off)
 
         self.still = self.prior.copy()
         self.still[self.camera] = [_STILL_M] * 3 + [_STILL_RAD] * 3
         self.still[self.tool], self.still[self.joint] = _STILL_M, _STILL_RAD
+        self.still[lens] = LENS_STILL.sigma()[:lens_count]
         self.unseen = tuple(k for k in range(j) if self._left_open(k) > _SEEN)
         # What one place in the beams shows of these, a tool that is bent in that direction shows as well.
         alone = {k for k in range(j) if self._left_open(k, tool=True) > _SEEN}

@@ -18,6 +18,7 @@ from calibration.adjustment.cross_check import (
     seen_camera,
 )
 from calibration.adjustment.hand_eye import Adjusted, adjust
+from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.touch import SeenTouch, Touches, seen_touch
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.problem import Setup
@@ -25,6 +26,7 @@ from calibration.hand_eye.solution import solve
 from calibration.refusal import Refusal
 from calibration.targets import make_target
 from calibration.tool_frame.repeatability import stated_sigma
+from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.reading import Strict, parse, read_json
 from cell.formats.result import Inputs, Result, Warning_
@@ -119,6 +121,8 @@ def check_cell(
     if first.setup != last.setup:
         text = f"{then} is {first.setup}, {now} is {last.setup}; give two captures of one camera"
         raise error("ARGUMENT_INVALID", text)
+    if first.given == last.given:
+        first, last = first.with_lens(), last.with_lens()
     tool = None if beams is None else tool_of(beams)
     by_tracker = None if tracker is None else _arm_by(tracker, last.arm)
     by_touch = None if touch is None else touch_of(touch, last)
@@ -141,13 +145,19 @@ def check_cell(
 @dataclass(frozen=True)
 class _Capture:
     """Where the camera of a capture is, its ``target``, the ``arm``, the adjustment, and what that says of
-    the camera; ``px`` is the noise of a corner."""
+    the camera; ``px`` is the noise of a corner. ``given`` is the lens as it was given, ``lens`` how well."""
 
     setup: Setup
     target: Mapping[str, Any]
     arm: ArmKnown
+    given: Intrinsics
+    lens: LensPrior
     adjusted: Adjusted
     seen: SeenCamera
+
+    def with_lens(self) -> "_Capture":
+        """For another capture of the same lens."""
+        return replace(self, seen=seen_camera(self.adjusted, self.arm, self.setup, self.lens))
 
     @property
     def px(self) -> float | None:
@@ -187,7 +197,8 @@ def _camera_of(loaded: CaptureSet) -> _Capture | Refusal:
     arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
     found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
     setup, target = loaded.capture.setup, loaded.capture.target.model_dump()
-    return _Capture(setup, target, arm, found, seen_camera(found, arm, setup))
+    lens, seen = known.lens, seen_camera(found, arm, setup)
+    return _Capture(setup, target, arm, camera.camera, lens, found, seen)
 
 
 def _arm_by(folder: Path, arm: ArmKnown) -> SeenArm:
@@ -243,7 +254,7 @@ def touch_of(folder: Path, now: _Capture) -> SeenTouch:
         arm_m=stated_sigma(getattr(data.arm(), "model", None)),
     )
     px = now.px or CORNER_PX
-    return seen_touch(touches, now.adjusted, now.arm, now.seen.X, now.seen.numbers, px)
+    return seen_touch(touches, now.adjusted, now.arm, now.seen.X, now.seen.arm, px)
 
 
 def _by_joints(values: RunValues) -> Array:

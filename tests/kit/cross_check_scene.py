@@ -2,6 +2,7 @@
 board.
 
 The arm is that of :mod:`tests.kit.imperfect_cell`: its links, gears and sag are not as its model, both times.
+Nor is the lens, which differs a little from then to now, as temperature makes it.
 """
 
 from dataclasses import dataclass, field
@@ -11,9 +12,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.adjustment.arm_by_tracker import SeenArm, seen_arm
 from calibration.adjustment.arm_terms import reference_joints
-from calibration.adjustment.cross_check import CrossChecked, SeenCamera, SeenTool, cross_check, seen_camera
+from calibration.adjustment.cross_check import (
+    LENS_STILL,
+    CrossChecked,
+    SeenCamera,
+    SeenTool,
+    cross_check,
+    seen_camera,
+)
 from calibration.adjustment.hand_eye import Adjusted, adjust
-from calibration.adjustment.lens_terms import LensPrior, TargetPrior
+from calibration.adjustment.lens_terms import LENS, LensPrior, TargetPrior, moved_camera
 from calibration.adjustment.touch import Touches, seen_touch
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
@@ -22,8 +30,9 @@ from calibration.hand_eye.solution import Measurements, Solution, solve
 from calibration.hand_eye.views import CornerSet
 from calibration.refusal import Refusal
 from calibration.touch import outermost
+from cell.devices import Intrinsics
 from cell.poses import Array
-from tests.kit.eye_to_hand_scene import POINTS, _project, joints, make_scene, off
+from tests.kit.eye_to_hand_scene import POINTS, joints, make_scene, off, project
 from tests.kit.imperfect_cell import ARM, CAMERA, FLANGE_R, FLANGE_T, MODEL, PX, World
 
 TOOL_M, CAMERA_M, CAMERA_RAD, JOINT_RAD = 7e-4, 1e-3, 1e-3, 1e-3
@@ -78,28 +87,43 @@ def checked(
     scene = make_scene(rng, poses, arm_m)
     what = change(rng, part, joint, tool_m)
     seen: list[SeenCamera] = []
-    for meanwhile in (Change(), what):
+    for meanwhile, lens in zip((Change(), what), lenses(seed), strict=True):
         X, W, anew = scene.X, scene.W, off(rng, 0.003, 0.02)  # the target is put anew each time
         X, W = (X, W @ anew) if setup == "eye-to-hand" else (X @ anew, W)
         Q = joints(rng, X, W, poses)
-        measured, Q = views(rng, scene.cell, setup, X, W, Q, meanwhile)
+        measured, Q = views(rng, scene.cell, setup, X, W, Q, meanwhile, lens)
         solution = solve(measured, CAMERA, {})
         if isinstance(solution, Refusal):
             raise ValueError(str(solution))
         found, arm = _adjusted(measured, solution, Q)
-        seen.append(seen_camera(found, arm, setup))
+        seen.append(seen_camera(found, arm, setup, LensPrior()))
     then, now = seen
     tool = tool_in_beams(rng, scene.cell, what) if beams else None
     by_arm = by_tracker(rng, scene.cell, what) if tracker else None
     by_touch = None
     if touch:
-        of = touched(rng, scene.cell, scene.W @ HALF_TURN, what)
-        by_touch = seen_touch(of, found, arm, now.X, now.numbers, PX)
+        of = touched(rng, scene.cell, scene.W @ HALF_TURN, what, lens)
+        by_touch = seen_touch(of, found, arm, now.X, now.arm, PX)
     return cross_check(then, now, tool, found.names, by_arm, by_touch)
 
 
+def lenses(seed: int) -> tuple[Intrinsics, Intrinsics]:
+    """The lens then and now, as far off the one that is given as a maker's calibration leaves it."""
+    rng = np.random.default_rng([seed, 78])
+    then = LensPrior().sigma() * rng.normal(size=len(LENS))
+    now = then + LENS_STILL.sigma() * rng.normal(size=len(LENS))
+    return moved_camera(CAMERA, then), moved_camera(CAMERA, now)
+
+
 def views(
-    rng: np.random.Generator, cell: World, setup: Setup, X: Array, W: Array, Q: Array, what: Change
+    rng: np.random.Generator,
+    cell: World,
+    setup: Setup,
+    X: Array,
+    W: Array,
+    Q: Array,
+    what: Change,
+    lens: Intrinsics = CAMERA,
 ) -> tuple[Measurements, Array]:
     """Corners at joints ``Q`` (n, 6), and those joints; ``X`` and ``W`` are a fixed camera and its target.
 
@@ -111,7 +135,7 @@ def views(
         C = se3.inverse(X @ what.camera) @ flange @ W
     else:
         C = se3.inverse(flange @ W @ HALF_TURN @ what.camera) @ X @ HALF_TURN
-    uv = np.array([_project(T) for T in C])
+    uv = np.array([project(T, lens) for T in C])
     inside = np.all((uv > 5.0) & (uv < [CAMERA.width - 6.0, CAMERA.height - 6.0]), axis=(1, 2))
     if inside.sum() < _FEWEST:
         raise ValueError("too few poses show the target")
@@ -139,14 +163,16 @@ def _adjusted(measured: Measurements, solution: Solution, Q: Array) -> tuple[Adj
     return adjust(measured, solution, CAMERA, arm, LensPrior(), TargetPrior(scale=1e-4, bow=2e-5)), arm
 
 
-def touched(rng: np.random.Generator, cell: World, camera: Array, what: Change) -> Touches:
+def touched(
+    rng: np.random.Generator, cell: World, camera: Array, what: Change, lens: Intrinsics = CAMERA
+) -> Touches:
     """The tool's point over the outermost corners of a board, as a person has brought it there; ``camera``
     (4, 4) is T_flange_camera of then."""
     board, on_flange = _BOARD.as_matrix(), camera @ what.camera
     looking = _BOARD * (_LOOK * RigidTransform.from_translation(-POINTS.mean(axis=0))).inv()
     q_look = ARM.inverse_all(looking * RigidTransform.from_matrix(camera).inv())[0]
     true = cell.true_flange((q_look + what.zeros)[None])[0]
-    uv = _project(se3.inverse(true @ on_flange) @ board)
+    uv = project(se3.inverse(true @ on_flange) @ board, lens)
     view = CornerSet(POINTS, uv + PX * rng.normal(size=uv.shape), np.ones(len(POINTS)))
     points = POINTS[outermost(POINTS)]
     down = RigidTransform.from_rotation(_BOARD.rotation)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.hand_eye import se3
+from cell.devices import Intrinsics
 from cell.poses import Array, to_pose6
 from tests.kit.imperfect_cell import ARM, CAMERA, FLANGE_R, FLANGE_T, MODEL, PX, World, world
 
@@ -105,7 +106,7 @@ def make_scene(
     F = MODEL.base.flange(Q)
     noise = se3.exp(rng.normal(size=(n, 6)) * np.repeat([FLANGE_T, FLANGE_R], 3))
     C = se3.inverse(X) @ cell.true_flange(Q) @ noise @ W
-    corners = np.array([_project(T) for T in C])
+    corners = np.array([project(T) for T in C])
     return EyeToHandScene(cell, X, W, Q, F, C, corners + rng.normal(size=corners.shape) * PX)
 
 
@@ -121,7 +122,7 @@ def joints(rng: np.random.Generator, X: Array, W: Array, n: int) -> Array:
         )
         T = facing.copy()
         T[:3, :3] = facing[:3, :3] @ turn.as_matrix()
-        uv = _project(se3.inverse(X) @ T)
+        uv = project(se3.inverse(X) @ T)
         if np.any(uv < 20.0) or np.any(uv > [CAMERA.width - 20.0, CAMERA.height - 20.0]):
             continue
         found = ARM.inverse_all(RigidTransform.from_matrix(T @ se3.inverse(W)))
@@ -157,6 +158,8 @@ def _looking(p: Array, along: Array, near: Rotation) -> Array:
     return T
 
 
-def _project(T: Array) -> Array:
-    uv, _ = cv2.projectPoints(POINTS, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], CAMERA.matrix, None)
+def project(T: Array, lens: Intrinsics = CAMERA) -> Array:
+    """Pixels (m, 2) of the target's points at its pose ``T`` (4, 4) in the camera."""
+    dist = np.array(lens.dist) if lens.dist else None
+    uv, _ = cv2.projectPoints(POINTS, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], lens.matrix, dist)
     return np.asarray(uv, dtype=float).reshape(-1, 2)

@@ -30,6 +30,11 @@ def test_a_moved_camera_is_named(setup: Setup, poses: int) -> None:
     assert subject.sigma.shape == (6,)
 
 
+def test_what_the_lens_leaves_open_hides_no_moved_camera() -> None:
+    """Both captures are of one lens: by itself neither tells where its focal length moves the camera to."""
+    assert checked(1053, "camera", setup="eye-in-hand", poses=100, arm_m=6e-5).part == "camera"
+
+
 @pytest.mark.parametrize(("setup", "joint"), [("eye-to-hand", 1), ("eye-in-hand", 2)])
 def test_a_joint_whose_zero_is_off_is_named_with_its_error(setup: Setup, joint: int) -> None:
     subject = checked(4, "joint", joint, setup)

@@ -13,6 +13,7 @@ from calibration.hand_eye.problem import Setup
 from cell.errors import InputError
 from cell.poses import Array
 from cell.run_values import RunValues
+from procedures.cross_check import solver
 from procedures.cross_check.result import CrossCheckInputs, CrossCheckResiduals
 from procedures.cross_check.solver import (
     _by_joints,
@@ -126,6 +127,20 @@ def test_the_part_that_has_changed_is_named(captures: dict[str, Path], part: str
     assert found.verdict == ("pass" if part == "none" else "fail")
     if part != "none":
         assert found.reasons[0].startswith(named.replace(" ", "-"))
+
+
+def test_captures_of_different_lenses_have_no_lens_in_common(
+    captures: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[int] = []
+    true = solver.cross_check
+    monkeypatch.setattr(solver, "cross_check", lambda *a: seen.append(a[0].lens) or true(*a))
+    other = json.loads((captures["none"] / "capture.json").read_text("utf-8"))
+    other["camera"]["K"][0] *= 1.0 + 1e-5
+    (tmp_path / "capture.json").write_text(json.dumps(other), "utf-8")
+    check_cell(captures["then"], captures["none"])
+    check_cell(captures["then"], tmp_path)
+    assert seen == [8, 0]
 
 
 def test_the_data_set_names_folders_from_its_own_and_the_report_says_the_same(
@@ -297,8 +312,7 @@ def test_a_touch_test_goes_with_a_camera_on_the_flange_and_its_own_target(tmp_pa
     folder = write_touch(tmp_path, of)
     nothing: Any = None
     fixed, other = (
-        _Capture(setup, {**TARGET, "points": (1.1 * POINTS).tolist()}, nothing, nothing, nothing)
-        for setup in SETUPS
+        _Capture(setup, {**TARGET, "points": (1.1 * POINTS).tolist()}, *[nothing] * 5) for setup in SETUPS
     )
     with pytest.raises(InputError, match="leave it out"):
         touch_of(folder, fixed)
