@@ -237,6 +237,7 @@ _ALL = (
         plan="procedures.corrected_targets.words:targets_plan_lines",
         report="procedures.corrected_targets.report:TARGETS",
         expectation="procedures.corrected_targets.expectation:targets_expectation",
+        truth="procedures.corrected_targets.truth:judge_targets",
     ),
     Kind(
         name="touch-test",

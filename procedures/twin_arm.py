@@ -33,3 +33,11 @@ def true_flange(robot: Mapping[str, Any], Q: Array) -> Array:
     links = arm_spec(parse_robot(true_links(robot), "robot of the twin's truth")).arm
     out: Array = links.base.flange(actual_joints(robot, Q))
     return out
+
+
+def observed_flange(observed: Mapping[str, Any], Q: Array) -> Array:
+    """T_base_flange (n, 4, 4) of the twin's arm that is only read when its joints read ``Q`` (n, j)."""
+    robot = observed["robot"]
+    true = robot | {"parameters": robot["parameters"] | observed["parameters"]}
+    out: Array = arm_spec(parse_robot(true, "observed arm of the twin's truth")).arm.base.flange(Q)
+    return out

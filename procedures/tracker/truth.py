@@ -13,7 +13,7 @@ from procedures.beside_truth import SURE_POINT, Judged
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
 from procedures.tracker.result import KincalAnswer, KincalResult
-from procedures.twin_arm import actual_joints, true_links
+from procedures.twin_arm import actual_joints, observed_flange, true_links
 from procedures.words import table
 
 ELSEWHERE = 200
@@ -40,7 +40,8 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
             "measured earlier"
         )
     promised = accuracy.predicted_95
-    off, off_aside = (_errors(answer, truth, samples) for samples in (elsewhere, aside))
+    observed = facts.role == "observed_arm"
+    off, off_aside = (_errors(answer, truth, samples, observed) for samples in (elsewhere, aside))
     good = float(np.percentile(off, 95)) <= SURE_POINT * promised
     ranges = np.linalg.norm([s["p_tracker"] for s in aside], axis=1)
     sigma = tracker["sigma0_m"] + tracker["sigma_per_m"] * float(np.mean(ranges))
@@ -64,16 +65,36 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
     return Judged(good, "\n".join(text), stated, off95, p95 <= promised, of95)
 
 
-def _errors(answer: KincalAnswer, truth: Mapping[str, Any], samples: list[Any]) -> Array:
-    """(n,) m between where the answer and where the truth has the reflectors, in the tracker's frame."""
-    robot, tracker = truth["robot"], truth["tracker"]
-    tools = {name: r["point"] for name, r in tracker["reflectors"].items() if r["on"] == "arm"}
-    Q = actual_joints(robot, np.array([s["q"] for s in samples]))
-    turned = [s | {"q": q} for s, q in zip(samples, Q, strict=True)]
-    true_arm = true_links(robot) | {"tool": tools}
-    true = from_pose6(tracker["T_base_tracker"]).inv().apply(places(true_arm, turned))
+def _errors(
+    answer: KincalAnswer, truth: Mapping[str, Any], samples: list[Any], observed: bool = False
+) -> Array:
+    """(n,) m between where the answer and where the truth has the reflectors, in the tracker's frame.
+
+    ``observed``: they are on the arm that is only read.
+    """
+    tracker = truth["tracker"]
+    true_places = _on_observed(truth, samples) if observed else _on_arm(truth, samples)
+    true = from_pose6(tracker["T_base_tracker"]).inv().apply(true_places)
     predicted = from_pose6(answer.T_tracker_base).apply(places(answer.robot, samples))
     out: Array = np.linalg.norm(predicted - true, axis=1)
+    return out
+
+
+def _on_arm(truth: Mapping[str, Any], samples: list[Any]) -> Array:
+    """(n, 3) m in the base of the arm that is moved."""
+    robot, reflectors = truth["robot"], truth["tracker"]["reflectors"]
+    tools = {name: r["point"] for name, r in reflectors.items() if r["on"] == "arm"}
+    Q = actual_joints(robot, np.array([s["q"] for s in samples]))
+    turned = [s | {"q": q} for s, q in zip(samples, Q, strict=True)]
+    return places(true_links(robot) | {"tool": tools}, turned)
+
+
+def _on_observed(truth: Mapping[str, Any], samples: list[Any]) -> Array:
+    """(n, 3) m in the base of the arm that is only read, a palletizer."""
+    reflectors = truth["tracker"]["reflectors"]
+    flange = observed_flange(truth["observed"], np.array([s["q"] for s in samples]))
+    points = np.array([reflectors[s["target"]]["point"] for s in samples])
+    out: Array = np.einsum("nij,nj->ni", flange[:, :3, :3], points) + flange[:, :3, 3]
     return out
 
 

@@ -1,0 +1,79 @@
+"""What remained off at corrected targets beside the twin's truth, which knows where the arm truly went."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.errors import error
+from cell.poses import Array, from_pose6
+from procedures.beside_truth import SURE_POINT, Judged, all_inside
+from procedures.corrected_targets.plan import place_of
+from procedures.corrected_targets.record import DATA_FILE, read_data_set
+from procedures.corrected_targets.result import TargetsResult
+from procedures.twin_arm import observed_flange
+from procedures.words import mm, table
+
+
+def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path) -> Judged:
+    """Good when each target is truly off as stated, within the stated 95 % widened to 99.73 %, and the
+    corrected ones are truly less off than as given.
+
+    Truly off is what a tracker without noise would see at the joints at which the arm rested, with its stand
+    where the calibration has it: the base is known by that alone. ``SOLVE_REFUSED`` where no tracker looked.
+    """
+    data = read_data_set(folder / DATA_FILE)
+    stand = data.T_base_tracker
+    if stand is None or data.reflector is None:
+        raise error("SOLVE_REFUSED", "no tracker looked, and the base is known by it alone")
+    apart: list[float] = []
+    bounds: list[float] = []
+    true: dict[str, list[float]] = {"as given": [], "corrected": []}
+    for target in result.result.targets:
+        wanted = from_pose6(target.T_base_flange).apply(place_of(data.robot, data.reflector))
+        for how, reached in (("as given", target.before), ("corrected", target.after)):
+            if reached is None or reached.error_95_m is None:
+                continue
+            off = from_pose6(stand).apply(_seen(data.reflector, truth, reached.q)) - wanted
+            true[how].append(float(np.linalg.norm(off)))
+            apart.append(float(np.linalg.norm(off - reached.error)))
+            bounds.append(reached.error_95_m)
+    shares = np.divide(apart, bounds)
+    as_stated = len(shares) > 0 and float(shares.max()) <= SURE_POINT
+    better = not true["as given"] or _rms(true["corrected"]) < _rms(true["as given"])
+    good, after = as_stated and better, result.result.after
+    rows = [(how, str(len(off)), mm(_rms(off)), mm(max(off))) for how, off in true.items() if off]
+    words = "consistent with" if good else "NOT consistent with"
+    text = [
+        "how far the reflector truly rested off its targets, without noise",
+        table(("targets", "number", "RMS", "largest"), rows),
+        f"what is stated of a target is up to {mm(max(apart, default=0.0))} off that; "
+        f"95 % of it within {mm(max(bounds, default=0.0))}",
+    ]
+    if not better:
+        text.append("corrected targets are truly NOT closer than as given")
+    text.append(f"{words} what is stated")
+    k = int(np.argmax(shares)) if apart else 0
+    of95 = {"target": float(shares[k])} if apart else {}
+    return Judged(
+        good,
+        "\n".join(text),
+        f"{mm(after.max_m)} left +- {mm(bounds[k] if bounds else None)} (95 %)",
+        mm(apart[k] if apart else None),
+        all_inside(of95),
+        of95,
+    )
+
+
+def _seen(reflector: str, truth: Mapping[str, Any], q: list[float]) -> Array:
+    """(3,) m: where the reflector truly is at joints ``q``, in the tracker's frame."""
+    tracker = truth["tracker"]
+    flange = observed_flange(truth["observed"], np.array([q]))[0]
+    place = flange[:3, :3] @ np.array(tracker["reflectors"][reflector]["point"]) + flange[:3, 3]
+    out: Array = from_pose6(tracker["T_base_tracker"]).inv().apply(place)
+    return out
+
+
+def _rms(off: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
