@@ -24,7 +24,7 @@ def judge_delay(result: LatencyResult, truth: Mapping[str, Any], folder: Path) -
     return Judged(
         good,
         text,
-        f"95 % within {1e3 * half:.3f} ms",
+        f"{of} late by {1e3 * answer.time_offset_s:.2f} ms +- {1e3 * half:.2f} ms (95 %)",
         f"{1e3 * abs(off):.3f} ms",
         abs(off) <= half,
         {"delay": abs(off) / half},
