@@ -17,7 +17,7 @@ from daemon.demo.steps import Step
 from daemon.report_index import CellState
 
 FOLDER, LOG = "objects", "objects.log"
-NICE = 19  # twin and daemon come first
+NICE = 10  # twin and daemon come first, while there are any
 LONGEST_S = 600.0
 
 
@@ -50,6 +50,7 @@ class ObjectSteps:
             return []
         if not self._child.ended(0.0):
             say("waiting for the jobs on virtual devices")
+            self._child.come_forward()
         if self._child.ended(LONGEST_S):
             try:
                 rows = [Row(**row) for row in read_json(self.folder / ROWS_FILE)]
