@@ -18,8 +18,11 @@ from procedures.report.write import FILE_NAME as REPORT_FILE
 from procedures.report.write import layout_of, write_report
 
 
-def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
-    """Print everything; good only for a complete run, a verdict other than fail, an error within limits."""
+def conclude(runs: Path, run_id: int, truth: Mapping[str, Any], finds_fault: bool = False) -> Row:
+    """Print everything; good only for a complete run, a verdict other than fail, an error within limits.
+
+    A run that ``finds_fault`` is good only with a verdict of fail: its twin has a fault.
+    """
     run = load_run(runs, run_id)
     end, result = run.read_end() or {"outcome": "interrupted"}, run.read_result()
     if end["outcome"] != "complete" or result is None:
@@ -38,8 +41,9 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
     out(f"report: {report if report.exists() else f'none was drawn; the journal in {run.path} says why'}")
     if judged is None:
         return Row(run.job, "no answer", "-", str(result["verdict"]), FAILED)
-    good = result["verdict"] != "fail" and judged.good
-    words = f"{result['verdict']}, {'agrees with' if judged.good else 'NOT consistent with'} the truth"
+    good = (result["verdict"] == "fail") == finds_fault and judged.good
+    verdict = f"{result['verdict']}{', as it should' if finds_fault and result['verdict'] == 'fail' else ''}"
+    words = f"{verdict}, {'agrees with' if judged.good else 'NOT consistent with'} the truth"
     again = len((result.get("inputs") or {}).get("steps_taken_again") or ())
     words += f"; {again} steps taken again" if again else ""
     return Row(run.job, judged.stated, judged.off, words, OK if good else FAILED)

@@ -13,7 +13,7 @@ from daemon.cli.output import say
 from daemon.demo.steps import Step
 
 OWN = "scenario.toml"
-STORED_SET = "stored.json"
+STORED_SET, OBSERVED_MODEL = "stored.json", "palletizer.json"
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,9 @@ class DemoScene:
             return self.twin
         scenario = folder / OWN
         scenario.write_text(own.read_text("utf-8").replace("@FOLDER@", str(folder)), "utf-8")
-        with as_file(files("daemon.demo").joinpath(STORED_SET)) as stored:
-            shutil.copyfile(stored, folder / STORED_SET)
+        for name in (STORED_SET, OBSERVED_MODEL):
+            with as_file(files("daemon.demo").joinpath(name)) as shipped:
+                shutil.copyfile(shipped, folder / name)
         return str(scenario)
 
 

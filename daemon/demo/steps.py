@@ -1,7 +1,8 @@
 """What the demo shows: which runs each of its jobs takes, and what happens to the twin around them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from daemon.demo import plc
 from procedures.rehearsal import HeldPoint
@@ -39,6 +40,9 @@ class Step:
     removes_board: bool = False  # the board is taken away before
     objects: bool = False
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
+    params: Mapping[str, Any] = field(default_factory=dict)  # of this run, beside its section of the config
+    finds_fault: bool = False  # the twin has a fault that it has to find: its verdict should be "fail"
+    compares: bool = False  # no run: the runs of its twin before it are judged against each other
 
 
 CONE_CAPTURE = Step(
@@ -107,6 +111,74 @@ SLOT_INSERTION = Step(
     removes_board=True,
     objects=True,
 )
+CAMERA_DELAY = Step(
+    "latency-calibration",
+    10,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "a camera that stamps 15 ms late",
+    twin="delays",
+    objects=True,
+    given_camera=True,
+)
+ENCODER_DELAY = replace(
+    CAMERA_DELAY,
+    text="an encoder that is 8 ms late",
+    params={"source": "belt", "belt_z_m": 0.15},
+)
+OBSERVED_ARM = Step(
+    "tracker-sampling",
+    5,
+    plc.TRACKER_OK,
+    0,
+    "a palletizer that its own program moves",
+    twin="targets",
+    objects=True,
+)
+CORRECTED_TARGETS = Step(
+    "corrected-targets",
+    13,
+    plc.TRACKER_OK,
+    0,
+    "its targets as given and corrected",
+    twin="targets",
+    objects=True,
+)
+THEN = replace(CONE_CAPTURE, text="a cell when all is well", twin="changed", objects=True)
+GOOD_TOOL = replace(LASER_REFERENCE, twin="changed", objects=True)
+BENT_TOOL = Step(
+    "laser-check",
+    3,
+    plc.ARM_OK | plc.BEAMS_OK,
+    0,
+    "its tool is bent and found in the beams",
+    bump=Bump((0.0009, -0.0012, 0.0), (0.0, 0.0)),
+    twin="changed",
+    objects=True,
+    finds_fault=True,
+)
+NOW = replace(THEN, text="a capture of now", params={"accept": {"auto": False}})
+TOUCH_TEST = Step(
+    "touch-test",
+    14,
+    plc.ARM_OK | plc.CAMERA_OK,
+    0,
+    "the tool's point over four corners of the board",
+    twin="changed",
+    held=HeldPoint(0.003, 0.0002, {}, ()),
+    objects=True,
+    finds_fault=True,
+)
+CROSS_CHECK = Step(
+    "cross-check",
+    0,
+    0,
+    0,
+    "captures, beams and touched corners name the part that has changed",
+    twin="changed",
+    objects=True,
+    compares=True,
+)
 # In the order in which they are shown; steps of one twin stand together.
 STEPS: dict[str, tuple[Step, ...]] = {
     "cone-capture": (CONE_CAPTURE,),
@@ -115,6 +187,9 @@ STEPS: dict[str, tuple[Step, ...]] = {
     "belt-tracking": (BELT_TRACKING,),
     "eye-to-hand-check": (EYE_TO_HAND, EYE_TO_HAND_CHECK),
     "slot-insertion": (RACK, SLOT_INSERTION),
+    "latency-calibration": (CAMERA_DELAY, ENCODER_DELAY),
+    "corrected-targets": (OBSERVED_ARM, CORRECTED_TARGETS),
+    "cross-check": (THEN, GOOD_TOOL, BENT_TOOL, NOW, TOUCH_TEST, CROSS_CHECK),
 }
 
 

@@ -64,6 +64,23 @@ def test_the_fast_demo_samples_an_arm_with_a_stored_set(
     assert "NOT consistent" not in shown
 
 
+@pytest.mark.parametrize(
+    ("job", "told"),
+    [
+        ("latency-calibration", ["the camera late by", "the encoder late by"]),
+        ("corrected-targets", ["what is stated of a target is up to"]),
+        ("cross-check", ["touch-test", "truly changed: tool by 1.500", "fail, as it should"]),
+    ],
+)
+def test_the_fast_demo_agrees_with_the_truth_in(
+    job: str, told: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_fast(folder, steps_of([job])) == 0
+    shown = capsys.readouterr().out
+    assert "NOT" not in shown
+    assert [words for words in told if words not in shown] == []
+
+
 def test_the_fast_demo_grades_a_fixed_camera(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By the lens that its calibration found, which is not known exactly."""
     assert run_fast(folder, steps_of(["eye-to-hand-check"])) == 0
