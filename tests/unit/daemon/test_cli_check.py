@@ -43,7 +43,9 @@ def _planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def objects(tmp_path: Path) -> Path:
     """A valid configuration whose devices are the twin's objects."""
-    return write_demo_config(DemoScene("bay", ()), tmp_path)
+    scene = DemoScene("bay", ())
+    scene.prepare(tmp_path)
+    return write_demo_config(scene, tmp_path)
 
 
 def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
@@ -331,10 +333,11 @@ def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
     path = tmp_path / "absent.toml"
     text = objects.read_text().replace('clock = "fakes.object:VirtualClock"\n', "")
     text = text.replace(
-        'driver = "fakes.object:ObjectArm"\nscenario = "bay"', 'driver = "ur"\nhost = "127.0.0.11"'
+        f'driver = "fakes.object:ObjectArm"\nscenario = "{tmp_path}/scenario.toml"',
+        'driver = "ur"\nhost = "127.0.0.11"',
     )
     text = text.replace(
-        'driver = "fakes.object:ObjectCamera"\nscenario = "bay"',
+        f'driver = "fakes.object:ObjectCamera"\nscenario = "{tmp_path}/scenario.toml"',
         f'driver = "oak"\nsource = "frames+unix://{tmp_path}/absent.sock"',
     )
     path.write_text(text)
