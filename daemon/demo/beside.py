@@ -54,12 +54,12 @@ class ObjectSteps:
         if self._child.ended(LONGEST_S):
             try:
                 rows = [Row(**row) for row in read_json(self.folder / ROWS_FILE)]
-                return [replace(row, job=f"{row.job} (virtual)") for row in rows]
+                return [replace(row, virtual=True) for row in rows]
             except CellError as exc:
                 why = f"{exc}; {self._child.last_words()}"
         else:
             why = f"no end in {LONGEST_S:g} s"
-        return [Row(step.job, "-", "-", f"not done: {why}", FAILED) for step in self.steps]
+        return [Row(s.job, "-", "-", f"not done: {why}", FAILED, s.twin, virtual=True) for s in self.steps]
 
     def cells(self) -> list[CellState]:
         """Their twins, for the index of the reports."""

@@ -1,5 +1,6 @@
 """What became of each step of the demo: the table and the index of reports that close it."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +15,18 @@ from procedures.words import table
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the closing table; ``code`` is what the step makes of the demo's exit code."""
+    """One line of the closing table; ``code`` is what the step makes of the demo's exit code.
+
+    ``twin`` is where it ran, on objects where it is ``virtual``.
+    """
 
     job: str
     stated: str
     off: str
     verdict: str
     code: int
+    twin: str = ""
+    virtual: bool = False
 
 
 def close_demo(rows: Sequence[Row], twins: Sequence[CellState], folder: Path) -> int:
@@ -36,7 +42,14 @@ def close_demo(rows: Sequence[Row], twins: Sequence[CellState], folder: Path) ->
 
 def closing_table(rows: Sequence[Row]) -> int:
     """Print what each step came to; the exit code that this makes."""
-    lines = [(row.job, row.stated, row.off, row.verdict) for row in rows]
+    times = Counter(row.job for row in rows)
+    lines = [(_named(row, times[row.job] > 1), row.stated, row.off, row.verdict) for row in rows]
     out("")
     out(table(("job", "stated by the job", "off the twin's truth", "verdict"), lines))
     return max((row.code for row in rows), default=0)
+
+
+def _named(row: Row, several: bool) -> str:
+    """The job, with its twin where there are ``several`` rows of it."""
+    where = [row.twin] * (several and bool(row.twin)) + ["virtual"] * row.virtual
+    return f"{row.job} ({', '.join(where)})" if where else row.job

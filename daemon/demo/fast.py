@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -58,10 +58,11 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     rows: list[Row] = []
     for scene in scenes:
         try:
-            rows += _play(scene, folder / scene.twin)
+            rows += [replace(row, twin=scene.twin) for row in _play(scene, folder / scene.twin)]
         except CellError as failure:
             say(f"{failure}. {failure.hint}")
-            rows += [Row(step.job, "-", "-", f"not done: {failure}", FAILED) for step in scene.steps]
+            why = f"not done: {failure}"
+            rows += [Row(step.job, "-", "-", why, FAILED, scene.twin) for step in scene.steps]
     write_atomic(folder / ROWS_FILE, to_json([asdict(row) for row in rows]))
     return close_demo(rows, [CellState(s.twin, folder / s.twin / STATE) for s in scenes], folder)
 

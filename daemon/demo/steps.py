@@ -49,7 +49,7 @@ CONE_CAPTURE = Step(
     "cone-capture",
     1,
     plc.ARM_OK | plc.CAMERA_OK,
-    90,
+    85,
     "3 placements of the board, 10 arm poses each, with the errors of an ordinary arm, lens and print",
     moves_board=True,
     twin="workshop",
@@ -58,7 +58,7 @@ LASER_REFERENCE = Step(
     "laser-reference",
     2,
     plc.ARM_OK | plc.BEAMS_OK,
-    70,
+    65,
     "the good tool through both beams, at two places each",
 )
 LASER_UPDATE = Step(
@@ -82,7 +82,7 @@ BELT_TRACKING = Step(
     "belt-tracking",
     7,
     plc.ARM_OK | plc.CAMERA_OK | plc.ENCODER_OK,
-    60,
+    45,
     "10 items picked from a moving belt",
     twin="picking",
     picks=10,
@@ -202,4 +202,5 @@ def eta_text(steps: Sequence[Step]) -> str:
     """How long it takes and what is to be seen, in one sentence."""
     real = [step for step in steps if not step.objects]
     minutes = max(round(sum(step.seconds for step in real) / 60), 1)
-    return f"about {minutes} minute{'s' * (minutes > 1)} in real time: " + "; ".join(s.text for s in steps)
+    shown = "; ".join(step.text for step in real or steps)  # those on objects are named by themselves
+    return f"about {minutes} minute{'s' * (minutes > 1)} in real time: {shown}"

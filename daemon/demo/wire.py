@@ -9,6 +9,7 @@ import time
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -83,8 +84,9 @@ def _all(scenes: Sequence[DemoScene], folder: Path, page: DemoPage) -> list[Row]
         except CellError as failure:
             say(f"{failure}. {failure.hint}")
             lost = failure
-        rows += [conclude(*run) if isinstance(run, tuple) else run for run in done]
-        rows += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
+        own = [conclude(*run) if isinstance(run, tuple) else run for run in done]
+        own += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
+        rows += [replace(row, twin=scene.twin) for row in own]
     return rows
 
 

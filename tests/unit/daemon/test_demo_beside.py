@@ -1,10 +1,12 @@
 """The steps of the demo on objects, beside those on real protocols."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from daemon.demo.beside import FOLDER, ObjectSteps
+from daemon.demo.closing import Row, closing_table
 from daemon.demo.steps import BELT_TRACKING, STEPS, steps_of
 
 STEPS_OF_SLOT = STEPS["slot-insertion"]
@@ -24,13 +26,17 @@ def script(path: Path, text: str) -> None:
     path.chmod(0o755)
 
 
-def test_its_rows_say_that_they_are_virtual(tmp_path: Path, command: Path) -> None:
+def test_its_rows_say_that_they_are_virtual(
+    tmp_path: Path, command: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / FOLDER
     script(command, f"echo \"$@\"; mkdir -p {out}; echo '[{ROW}]' > {out}/rows.json")
     subject = ObjectSteps(tmp_path, [BELT_TRACKING, *STEPS_OF_SLOT])
     with subject.begun():
         (row,) = subject.rows()
-    assert (row.job, row.off, row.code) == ("slot-insertion (virtual)", "0.1 mm", 0)
+    assert (row.job, row.off, row.code) == ("slot-insertion", "0.1 mm", 0)
+    assert closing_table([row]) == 0
+    assert "slot-insertion (virtual)" in capsys.readouterr().out
     assert "--fast" in (tmp_path / "objects.log").read_text()
     assert [cell.name for cell in subject.cells()] == ["rack"]
 
@@ -52,6 +58,14 @@ def test_rows_of_an_earlier_demo_do_not_count(tmp_path: Path, command: Path) -> 
     subject = ObjectSteps(tmp_path, STEPS_OF_SLOT)
     with subject.begun():
         assert all(row.code for row in subject.rows())
+
+
+def test_rows_of_one_job_say_in_which_twin_they_ran(capsys: pytest.CaptureFixture[str]) -> None:
+    found = Row("cone-capture", "0.4 mm", "0.1 mm", "pass", 0, "workshop")
+    rows = [found, replace(found, twin="rack", virtual=True), replace(found, job="laser-check", twin="bay")]
+    assert closing_table(rows) == 0
+    first = [line.split("  ")[0] for line in capsys.readouterr().out.strip().splitlines()]
+    assert first == ["job", "cone-capture (workshop)", "cone-capture (rack, virtual)", "laser-check"]
 
 
 def test_without_such_steps_nothing_is_started(tmp_path: Path, command: Path) -> None:
