@@ -4,8 +4,9 @@
 job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
 for them, with the exact 95 % interval of that share, the cell's time, and the computer's. Below it are the
 twins in which it did not end well, and those outside: each error there in units of its limit. The cell is
-``deploy/cell.toml`` with every part that is commented out there. With ``--keep FILE`` a bench that was ended
-goes on where it was, and the table is made of all twins in the file.
+``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets alone.
+With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all twins in the
+file.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from scipy.special import betaincinv
 
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
-from tests.kit.example_cell import LASER_TRACKER, whole_example
+from tests.kit.example_cell import LASER_TRACKER, palletizer_example, whole_example
 
 JOBS = (
     "cone-capture",
@@ -34,6 +35,7 @@ JOBS = (
     "laser-update",
     "latency-calibration",
     "tracker-sampling",
+    "corrected-targets",
     "belt-calibration",
     "belt-tracking",
     "touch-test",
@@ -133,7 +135,8 @@ def _kept(path: Path) -> list[Played]:
 def _play(job: str, seed: int) -> Played:
     began = time.process_time()
     with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:
-        path = whole_example(Path(folder), CHANGED.get(job.partition("-")[0], {}))
+        cell = palletizer_example if job == "corrected-targets" else whole_example
+        path = cell(Path(folder), CHANGED.get(job.partition("-")[0], {}))
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             outcome = rehearse(load_config(path), path, job, seed, Path(folder))
     return Played(job, outcome, time.process_time() - began)

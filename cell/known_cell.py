@@ -59,11 +59,26 @@ class KnownBeams:
 
 
 @dataclass(frozen=True)
+class KnownObserved:
+    """An arm that its own program moves, or a person where ``by_person``; it goes to what it is asked for.
+
+    ``robot`` is what its controller believes, a ROBOT as docs/data-sets.md has it. ``ranges`` (j, 2) rad are
+    those of its joints that a job makes use of.
+    """
+
+    robot: Mapping[str, Any]
+    ranges: Sequence[Sequence[float]]
+    by_person: bool
+
+
+@dataclass(frozen=True)
 class KnownReflector:
-    """A reflector's centre in the flange, or in the base when it is a monument, and the way it looks."""
+    """A reflector's centre in the flange, or in the base when it is a monument, and the way it looks; the
+    flange is that of the arm that is only read when it is on it (``observed``)."""
 
     point: Sequence[float]
     monument: bool = False
+    observed: bool = False
     normal: Sequence[float] | None = None
     half_angle_rad: float = 0.52
 
@@ -171,6 +186,7 @@ class KnownCell:
     belt: KnownBelt | None = None
     gripper: KnownGripper | None = None
     rack: KnownRack | None = None
+    observed: KnownObserved | None = None
     parts: tuple[str, ...] = field(
-        default=("camera", "beams", "tracker", "belt", "gripper", "rack"), init=False
+        default=("camera", "beams", "tracker", "belt", "gripper", "rack", "observed"), init=False
     )

@@ -238,6 +238,7 @@ _ALL = (
         report="procedures.corrected_targets.report:TARGETS",
         expectation="procedures.corrected_targets.expectation:targets_expectation",
         truth="procedures.corrected_targets.truth:judge_targets",
+        rehearsal="procedures.corrected_targets.rehearsal:rehearse_targets",
     ),
     Kind(
         name="touch-test",

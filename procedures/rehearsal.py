@@ -5,7 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.known_cell import KnownBeams, KnownBelt, KnownCamera, KnownGripper, KnownRack, KnownTracker
+from cell.known_cell import (
+    KnownBeams,
+    KnownBelt,
+    KnownCamera,
+    KnownGripper,
+    KnownObserved,
+    KnownRack,
+    KnownTracker,
+)
 from procedures.setup import Setup
 
 _ARM_SIGNALS = range(18)  # of its digital inputs and outputs
@@ -16,7 +24,8 @@ class Rehearsal:
     """The parts of the cell that the job meets, as its configuration tells them.
 
     ``look`` is the name of the pose at which the arm stands before the job. ``before`` are jobs that it needs
-    the results of, and whose camera it looks through where it names none. ``moves_board``: the operator
+    the results of; it looks through their camera where it names none, and at their tracker and arm that is
+    only read where ``same_arm``. ``moves_board``: the operator
     places the target anew at each prompt; ``bumps_tool``: the tool is hit just before the job; after
     ``items`` the job is finished, 0: it ends by itself. ``held``: how a person brings the tool's point over
     corners of the target, which was moved on before. ``calibrated_camera``: a calibration of the fixed
@@ -30,6 +39,8 @@ class Rehearsal:
     belt: KnownBelt | None = None
     gripper: KnownGripper | None = None
     rack: KnownRack | None = None
+    observed: KnownObserved | None = None
+    same_arm: bool = False
     before: tuple[str, ...] = ()
     moves_board: bool = False
     bumps_tool: bool = False

@@ -39,5 +39,6 @@ def observed_flange(observed: Mapping[str, Any], Q: Array) -> Array:
     """T_base_flange (n, 4, 4) of the twin's arm that is only read when its joints read ``Q`` (n, j)."""
     robot = observed["robot"]
     true = robot | {"parameters": robot["parameters"] | observed["parameters"]}
+    true["joint_errors"] = observed["joint_errors"]
     out: Array = arm_spec(parse_robot(true, "observed arm of the twin's truth")).arm.base.flange(Q)
     return out

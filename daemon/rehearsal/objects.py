@@ -30,10 +30,12 @@ LEFT_OUT = ("modbus", "http", "mqtt", "can", "supervisor", "tool", "recipe")
 
 
 class Twin(Protocol):
-    """What the twin's module offers: a scenario for a known cell, and the drivers and the clock for it."""
+    """What the twin's module offers: a scenario for a known cell, the clock for it, and by role the drivers
+    with what else their sections have."""
 
     CLOCK: str
     DRIVERS: Mapping[str, str]
+    KEYS: Mapping[str, Mapping[str, Any]]
 
     def likely_scenario(self, known: KnownCell, seed: int) -> str: ...
 
@@ -69,6 +71,11 @@ def rehearsed_cell(
             )
             raise error("CONFIG_INVALID", text + '"eye-to-hand"')
         rehearsal = replace(rehearsal, camera=borrowed)
+    if rehearsal.same_arm:
+        if before[0].observed is None:
+            text = f"{job} needs an observed arm that [job.{rehearsal.before[0]}] has sampled, and that has "
+            raise error("CONFIG_INVALID", text + 'arm = "arm"')
+        rehearsal = replace(rehearsal, tracker=before[0].tracker, observed=before[0].observed)
     twin = cast(Twin, importlib.import_module(TWIN))
     try:
         text = twin.likely_scenario(_known(config, rehearsal, on_flange), seed)
@@ -128,6 +135,7 @@ def _known(config: CellConfig, rehearsal: Rehearsal, tool: CellTool) -> KnownCel
         belt=rehearsal.belt,
         gripper=rehearsal.gripper,
         rack=rehearsal.rack,
+        observed=rehearsal.observed,
     )
 
 
@@ -144,10 +152,16 @@ def _with_objects(
     used = {"arm"} | {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
     roles = {role: name for role, name in config.robot.roles().items() if role in used}
     devices = {
-        name: {"driver": twin.DRIVERS[role], "scenario": str(folder / "scenario.toml")}
+        name: {
+            "driver": twin.DRIVERS[role],
+            "scenario": str(folder / "scenario.toml"),
+            **twin.KEYS.get(role, {}),
+        }
         for role, name in roles.items()
     }
-    unused = {*config.robot.roles(), "observed_model"} - set(roles)
+    unused = set(config.robot.roles()) - set(roles)
+    if "observed_arm" not in roles:
+        unused.add("observed_model")
     # The twin's arm was never calibrated, so its moves go by its controller's model.
     kept_keys = {k: v for k, v in raw["robot"].items() if k not in unused}
     robot = {**kept_keys, "use_kinematics": False, **roles, "tool": tool.section(), **tool.load()}

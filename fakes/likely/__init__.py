@@ -4,6 +4,6 @@
 from. Two seeds give two cells that the same configuration fits.
 """
 
-from fakes.likely.draw import CLOCK, DRIVERS, likely_scenario
+from fakes.likely.draw import CLOCK, DRIVERS, KEYS, likely_scenario
 
-__all__ = ["CLOCK", "DRIVERS", "likely_scenario"]
+__all__ = ["CLOCK", "DRIVERS", "KEYS", "likely_scenario"]

@@ -9,6 +9,7 @@ from fakes.likely.arm import believed, draw_arm, draw_tool
 from fakes.likely.beams import draw_beams
 from fakes.likely.belt import draw_belt, draw_gripper
 from fakes.likely.camera import draw_camera
+from fakes.likely.observed import draw_observed
 from fakes.likely.rack import draw_rack
 from fakes.likely.tracker import draw_tracker
 from fakes.world.arm.truth import ArmTruth
@@ -26,7 +27,10 @@ DRIVERS = {
     "belt": "fakes.object:ObjectEncoder",
     "gripper": "fakes.object:ObjectGripper",
     "place_inputs": "fakes.object:ObjectPlaceInputs",
+    "observed_arm": "fakes.object:ObjectObservedArm",
 }
+# What their sections have besides: an arm goes to what it is asked for, by its program or by a person.
+KEYS = {"observed_arm": {"allow_requests": True}}
 
 
 def likely_scenario(known: KnownCell, seed: int) -> str:
@@ -36,7 +40,9 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     room where the configuration wants it.
     """
     # One generator a part: what one part draws changes nothing of the others.
-    rngs = dict(zip(("arm", *known.parts), np.random.default_rng(seed).spawn(7), strict=True))
+    rngs = dict(
+        zip(("arm", *known.parts), np.random.default_rng(seed).spawn(1 + len(known.parts)), strict=True)
+    )
     arm = believed(known)
     world: dict[str, Any] = {
         "seed": seed,
@@ -57,6 +63,8 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
             world["place"] = {"input": known.gripper.place_clear}
     if known.rack is not None:
         world["rack"] = draw_rack(known.rack, ArmTruth.model_validate(world["arm"]), seed, rngs["rack"])
+    if known.observed is not None:
+        world["observed"] = draw_observed(known.observed, rngs["observed"])
     text = to_toml({"schema": SCHEMA, "world": world})
     Scenario.parse(text, "the likely cell")
     return text

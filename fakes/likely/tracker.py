@@ -26,7 +26,8 @@ def draw_tracker(known: KnownTracker, rng: np.random.Generator) -> dict[str, Any
     reflectors = {}
     for name, reflector in known.reflectors.items():
         point = np.array(reflector.point) + POINT_M * rng.standard_normal(3)
-        reflectors[name] = {"on": "base" if reflector.monument else "arm", "point": point.tolist()}
+        arm = "observed" if reflector.observed else "arm"
+        reflectors[name] = {"on": "base" if reflector.monument else arm, "point": point.tolist()}
         if reflector.normal is not None:
             reflectors[name] |= {"normal": list(reflector.normal), "half_angle_rad": reflector.half_angle_rad}
     place = to_pose6(from_pose6(known.T_base_tracker) * off).tolist()

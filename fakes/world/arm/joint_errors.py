@@ -22,8 +22,8 @@ _DRAWN_FOR = 0x6EA2  # keeps these draws apart from others of the same seed
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """t waves over the joints: ``joint`` (t,), from 0, turns ``sin`` times the sine and ``cos`` times the
-    cosine of ``of @ q`` further than it reads; ``of`` (t, 6), amplitudes (t,) in rad."""
+    """t waves over the j joints: ``joint`` (t,), from 0, turns ``sin`` times the sine and ``cos`` times the
+    cosine of ``of @ q`` further than it reads; ``of`` (t, j), amplitudes (t,) in rad."""
 
     names: tuple[str, ...]
     joint: NDArray[np.int64]
@@ -32,10 +32,10 @@ class JointErrors:
     cos: Array
 
     def actual(self, q: Array) -> Array:
-        """Joints (..., 6) rad at which the arm truly stands when its encoders read ``q`` (..., 6)."""
+        """Joints (..., j) rad at which the arm truly stands when its encoders read ``q`` (..., j)."""
         angle = q @ self.of.T
         waves = self.sin * np.sin(angle) + self.cos * np.cos(angle)
-        turned: Array = q + waves @ np.eye(JOINTS)[self.joint]
+        turned: Array = q + waves @ np.eye(self.of.shape[1])[self.joint]
         return turned
 
     @property

@@ -18,6 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.poses import Array, compose, to_pose6
 from fakes.world.arm.repeatability import Repeatability
 from fakes.world.arm.track import Track
+from fakes.world.palletizer.joint_errors import palletizer_joint_errors
 from fakes.world.palletizer.linkage import JOINTS, Palletizer
 from fakes.world.palletizer.truth import ObservedTruth
 
@@ -65,6 +66,7 @@ class ObservedPalletizer:
         self.truth = truth
         self.believed = Palletizer.from_mapping(truth.parameters.model_dump())
         self.true = Palletizer.from_mapping(truth.true_parameters)
+        self.errors = palletizer_joint_errors(truth.joint_errors, self.true, seed)
         self.track = Track(t0, truth.q_start, keep_s=HISTORY_S)
         self.listeners: list[Callable[[float], None]] = []  # told before anything changes that was planned
         self._repeatability = Repeatability(seed + 1, truth.repeatability_t_m, truth.repeatability_r_rad)
@@ -80,11 +82,16 @@ class ObservedPalletizer:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return compose(self.true.flange(self.track.at(t)[0]), self._repeatability.transform(t))
+        return compose(self.true.flange(self._actual(t)), self._repeatability.transform(t))
 
     def lines(self, t: float) -> Array:
         """(5, 2, 3) m: its links, see :meth:`fakes.world.palletizer.linkage.Palletizer.lines`."""
-        return self.true.lines(self.track.at(t)[0])
+        return self.true.lines(self._actual(t))
+
+    def _actual(self, t: float) -> Array:
+        """Motor-side joints (4,) rad at which it truly stands."""
+        q = self.track.at(t)[0]
+        return q if self.errors is None else self.errors.actual(q)
 
     def believed_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as the controller computes it."""
@@ -116,6 +123,7 @@ class ObservedPalletizer:
             "serial": self.truth.serial,
             "robot": self.truth.robot,
             "parameters": self.truth.true_parameters,
+            "joint_errors": [] if self.errors is None else self.errors.told(),
             "q": self.track.at(t)[0].tolist(),
             "T_base_flange": to_pose6(self.true_flange(t)).tolist(),
             "pose": self.reached(t),

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from cell.formats.reading import Strict
+from fakes.world.arm.truth import JointErrorsTruth
 
 Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -66,6 +67,7 @@ class ObservedTruth(Strict):
     version: str = "3.1"
     parameters: PalletizerTable
     error: PalletizerErrors = PalletizerErrors()
+    joint_errors: JointErrorsTruth = JointErrorsTruth()
     q_start: Four
     limits: Annotated[list[Range], Field(min_length=4, max_length=4)]
     speed_rad_s: float = Field(default=0.8, gt=0, le=10, description="of the joint with the longest way")

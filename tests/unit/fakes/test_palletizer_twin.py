@@ -11,10 +11,13 @@ from calibration.kinematics.families import arm_spec
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from fakes.object import run_virtual
+from fakes.world.arm.truth import JointErrorsTruth
+from fakes.world.palletizer.joint_errors import palletizer_joint_errors
 from fakes.world.palletizer.linkage import Palletizer
 from fakes.world.palletizer.observed import ObservedPalletizer, Status
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from procedures.twin_arm import observed_flange
 from tests.kit.ideal_world import ideal_text
 
 ROUND = Palletizer(
@@ -156,3 +159,37 @@ def test_the_world_knows_where_a_reflector_on_the_observed_arm_is() -> None:
         assert world.truth(0.0)["observed"]["serial"] == "99995500001"
 
     run_virtual(look())
+
+
+def test_weight_lets_a_level_arm_sink_and_an_upright_one_stand() -> None:
+    errors = palletizer_joint_errors(JointErrorsTruth(sag_rad=[1e-3, 2e-3, 4e-3]), ROUND, 1)
+    assert errors is not None
+    level = errors.actual(np.zeros(4))
+    np.testing.assert_allclose(level, [0.0, -3e-3, -4e-3, 0.0], atol=1e-15)
+    assert ROUND.flange(level).translation[2] < ROUND.flange(np.zeros(4)).translation[2] - 0.005
+    upright = np.array([0.3, pi / 2, 0.0, 0.2])
+    np.testing.assert_allclose(errors.actual(upright), upright, atol=1e-15)
+    backwards = Palletizer(**{**vars(ROUND), "k2": -1.0, "t2": 0.4})
+    other = palletizer_joint_errors(JointErrorsTruth(sag_rad=[1e-3, 0.0, 0.0]), backwards, 1)
+    assert other is not None
+    assert other.actual([0.0, 0.4, 0.0, 0.0])[1] == pytest.approx(0.401), "its motor turns the other way"
+
+
+def test_the_truth_that_is_told_has_the_arm_where_it_stands_gears_and_sag_too() -> None:
+    scenario = Scenario.parse(
+        ideal_text("palletizer")
+        .replace(
+            "[world.observed.parameters]",
+            "[world.observed.joint_errors]\ngear_once_rad = 0.001\ngear_twice_rad = 0.002\n"
+            "sag_rad = [0.001, 0.002, 0.003]\n[world.observed.parameters]",
+        )
+        .replace("repeatability_t_m = 0.0000139", "repeatability_t_m = 0.0"),
+        "test",
+    )
+    world = World.from_scenario(scenario)
+    arm = world.observed
+    assert arm is not None
+    q = np.array(arm.truth.q_start)
+    told = observed_flange(world.truth()["observed"], q[None])[0]
+    np.testing.assert_allclose(told, arm.true_flange(0.0).as_matrix(), atol=1e-9)
+    assert np.linalg.norm(told[:3, 3] - arm.true.flange(q).translation) > 1e-3
