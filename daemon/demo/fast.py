@@ -121,7 +121,8 @@ async def _run(
         await _until_ready(supervisor, clock)
         arm: Any = supervisor.ready(config.robot.roles()["arm"])
         if any(step.given_camera for step in steps):
-            give_camera(ledger, arm.world.truth(), config.robot.T_base_camera_nominal)
+            truth, drawn = arm.world.truth(), config.robot.T_base_camera_nominal
+            await asyncio.to_thread(give_camera, ledger, truth, drawn)
         began = clock.now()
         runs = []
         for step in steps:
