@@ -16,9 +16,9 @@ def demo(
     output: Annotated[Path, typer.Option("--out", help="Folder for the demo's files.")] = Path("demo-out"),
 ) -> None:
     """Start a twin and the daemon, run the jobs by a Modbus trigger, show the results beside the truth."""
-    from daemon.demo.steps import STEPS, steps_of
+    from daemon.demo.steps import STEPS, shown_with, steps_of
 
-    if unknown := sorted(set(job or ()) - set(STEPS)):
+    if unknown := sorted(name for name in set(job or ()) if shown_with(name) is None):
         raise error("UNKNOWN_JOB", f"the demo has no job '{unknown[0]}'; it has {', '.join(STEPS)}")
     if fast:
         from daemon.demo.fast import run_fast

@@ -193,9 +193,17 @@ STEPS: dict[str, tuple[Step, ...]] = {
 }
 
 
+def shown_with(job: str) -> str | None:
+    """The entry of ``STEPS`` in which ``job`` is shown: its own, else the first of those it is run for."""
+    if job in STEPS:
+        return job
+    return next((name for name, steps in STEPS.items() if any(s.job == job for s in steps)), None)
+
+
 def steps_of(jobs: Sequence[str]) -> list[Step]:
     """The runs of these jobs of the demo, in the demo's own order; without any, of all."""
-    return [step for job, steps in STEPS.items() if job in (jobs or STEPS) for step in steps]
+    wanted = {shown_with(job) for job in jobs or STEPS}
+    return [step for name, steps in STEPS.items() if name in wanted for step in steps]
 
 
 def eta_text(steps: Sequence[Step]) -> str:

@@ -309,6 +309,14 @@ def test_the_stored_set_is_of_the_arm_and_the_monuments_of_the_demo(tmp_path: Pa
         assert np.linalg.norm(true - seen["p_tracker"]) < 6 * sigma
 
 
+@pytest.mark.parametrize(
+    ("job", "last"),
+    [("cone-capture", "cone-capture"), ("laser-reference", "laser-update"), ("touch-test", "cross-check")],
+)
+def test_a_job_that_is_run_for_another_one_is_shown_with_it(job: str, last: str) -> None:
+    assert steps_of([job]) == list(STEPS[last])
+
+
 def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
     for step in steps_of(list(STEPS)):
         if not step.compares:  # no job: its runs are of the steps before it
