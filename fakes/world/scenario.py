@@ -17,10 +17,11 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from cell.errors import error
 from cell.formats.reading import Strict
 from fakes.world.arm.truth import ArmTruth, Six, ToolTruth
-from fakes.world.beams.truth import BeamTruth, Channel, IoTruth, Three
+from fakes.world.beams.truth import BeamTruth, Channel, IoTruth
 from fakes.world.belt.item_truth import GripperTruth, ItemsTruth, PlaceTruth
 from fakes.world.belt.truth import BeltTruth
 from fakes.world.camera.truth import CameraTruth, Placement, PrintTruth
+from fakes.world.obstacle import Obstacle
 from fakes.world.palletizer.truth import ObservedTruth
 from fakes.world.rack.truth import RackTruth
 from fakes.world.toml_text import to_toml
@@ -48,14 +49,6 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
     "belt": ("jitter_s", "by_events"),
     "gripper": ("close_s", "open_s"),
 }
-
-
-class Obstacle(Strict):
-    """An elastic half-space that pushes the tool's tip back along ``normal``."""
-
-    point: Three
-    normal: Three
-    stiffness_n_m: float = Field(default=20000.0, gt=0)
 
 
 class WorldTruth(Strict):

@@ -41,7 +41,7 @@ from fakes.world.camera.truth import CameraTruth
 from fakes.world.hand_guided import JOG_RAD_S, JOG_RAD_S2, joints_over
 from fakes.world.palletizer.observed import ObservedPalletizer
 from fakes.world.rack.rack import Rack
-from fakes.world.scenario import Obstacle, Scenario, WorldTruth
+from fakes.world.scenario import Scenario, WorldTruth
 from fakes.world.targets import target_points
 from fakes.world.tracker.tracker import Tracker
 
@@ -155,7 +155,7 @@ class World:
         self.items: Items | None = None
         if truth.items is not None and self.belt is not None:
             self.items = Items(truth.items, self.belt, truth.seed)
-        self.rack = None if truth.rack is None else Rack(truth.rack, self.true_flange, t0)
+        self.rack = None if truth.rack is None else Rack(truth.rack, self.true_matrix, t0)
         self.gripper: Gripper | None = None
         if truth.gripper is not None:
             self.gripper = Gripper(truth.gripper, self.items or self.rack, self.tool_point)
@@ -166,8 +166,9 @@ class World:
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:
             seed, reflectors = truth.seed, truth.reflectors
+            arm = "arm" if self.observed is None else "observed"
             self.tracker = Tracker(
-                tracker, reflectors, self.carrier, self.stands_still, seed, t0, self._links
+                tracker, reflectors, self.carrier, self.stands_still, seed, t0, self._links, arm
             )
             self.track.listeners.append(self._tracker_looks)
             self._tracker_looks_until = t0
@@ -234,17 +235,22 @@ class World:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return compose(self.true.forward(self.track.at(t)[0]), self._repeatability.transform(t))
+        return RigidTransform(self.true_matrix(t), normalize=False, copy=False)
 
-    def carrier(self, on: str, t: float) -> RigidTransform:
-        """Where in the base that truly is which a reflector may be ``on``: arm or base."""
+    def true_matrix(self, t: float) -> Array:
+        """The same as (4, 4), in a third of the time: what a beam or a tracker meets asks at every look."""
+        out: Array = self.true.matrix(self.track.at(t)[0]) @ self._repeatability.matrix(t)
+        return out
+
+    def carrier(self, on: str, t: float) -> Array:
+        """Where in the base that truly is which a reflector may be ``on``: arm or base; (4, 4)."""
         match on:
             case "arm":
-                return self.true_flange(t)
+                return self.true_matrix(t)
             case "base":
-                return RigidTransform.identity()
+                return np.eye(4)
             case "observed" if self.observed is not None:
-                return self.observed.true_flange(t)
+                return self.observed.true_matrix(t)
             case _:
                 raise error("CONFIG_INVALID", f"the scenario has no {on} arm that could carry a reflector")
 
@@ -277,7 +283,12 @@ class World:
 
     def tool_point(self, t: float) -> Array:
         """(3,) the true tool's point in the base."""
-        point: Array = compose(self.true_flange(t), self.T_flange_tool_at(t)).translation
+        return self._carried(t, self.T_flange_tool_at(t).translation)
+
+    def _carried(self, t: float, p_flange: Array) -> Array:
+        """(3,) a point of the flange in the base."""
+        flange = self.true_matrix(t)
+        point: Array = flange[:3, :3] @ p_flange + flange[:3, 3]
         return point
 
     def bring_over(self, t: float, point: int, gauge_m: float, hand_m: float) -> float:
@@ -350,13 +361,12 @@ class World:
         if self.rack is not None:
             force[:3], at = self.rack.force(t)
             if force.any():
-                force[3:] = np.cross(at - (self.true_flange(t) * T_flange_tcp).translation, force[:3])
+                force[3:] = np.cross(at - self._carried(t, T_flange_tcp.translation), force[:3])
         if self.config.obstacle:
-            flange = self.true_flange(t)
-            tip = (flange * self.T_flange_tool_at(t)).translation
-            pushed = sum((_push(obstacle, tip) for obstacle in self.config.obstacle), np.zeros(3))
+            tip = self.tool_point(t)
+            pushed = sum((obstacle.push(tip) for obstacle in self.config.obstacle), np.zeros(3))
             force[:3] += pushed
-            force[3:] += np.cross(tip - (flange * T_flange_tcp).translation, pushed)
+            force[3:] += np.cross(tip - self._carried(t, T_flange_tcp.translation), pushed)
         return force
 
     def truth(self, t: float = inf) -> dict[str, Any]:
@@ -435,10 +445,3 @@ class World:
             return RigidTransform.identity(), RigidTransform.identity()
         base, flange = serving(self.believed, self.true, self.config.arm.ranges())
         return base.inv(), flange
-
-
-def _push(obstacle: Obstacle, tip: Array) -> Array:
-    normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-    depth = float(normal @ (np.array(obstacle.point) - tip))
-    force: Array = normal * (obstacle.stiffness_n_m * max(depth, 0.0))
-    return force

@@ -41,7 +41,7 @@ def make_rack(flange: Callable[[float], RigidTransform] = lambda t: RigidTransfo
     """The scenario's rack beside an arm whose flange is where ``flange`` has it."""
     truth = Scenario.load("slot").world.rack
     assert truth is not None
-    return Rack(truth, flange, 0.0)
+    return Rack(truth, lambda t: flange(t).as_matrix(), 0.0)
 
 
 def look_at(number: int, rng: np.random.Generator, tick: int = 0, marked: bool = False) -> Picture:

@@ -201,6 +201,22 @@ def skew(v: Array) -> Array:
     return out
 
 
+def displacement(xi: Array) -> Array:
+    """SE(3) exponential (4, 4) of ``xi`` (6,) = (translation part, rotation part), m and rad."""
+    angle = math.hypot(*xi[3:].tolist())
+    hat = skew(xi[3:])
+    square = hat @ hat
+    half = 0.5 * angle
+    b = 0.5 * (math.sin(half) / half) ** 2 if angle > 0.0 else 0.5
+    # Its difference of near equals is lost below a hundredth, where two terms of its series are exact.
+    c = (angle - math.sin(angle)) / angle**3 if angle > 0.01 else (1.0 - angle**2 / 20.0) / 6.0
+    a = 1.0 - c * angle**2
+    out = np.eye(4)
+    out[:3, :3] += a * hat + b * square
+    out[:3, 3] = xi[:3] + b * (hat @ xi[:3]) + c * (square @ xi[:3])
+    return out
+
+
 def dh_parameters(model: str, deltas: LinkDeltas | None = None) -> tuple[Array, Array, Array, Array]:
     """Denavit-Hartenberg ``theta, d, a, alpha`` (6,), rad and m: the drawing of ``model`` plus ``deltas``."""
     if model not in _LENGTHS:

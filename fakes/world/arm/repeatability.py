@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from cell.poses import Array, exp_xi
+from cell.poses import Array
+from fakes.world.arm.kinematics import displacement
 from fakes.world.arm.segments import Segment
 
 REMEMBERED = 256
@@ -56,7 +56,7 @@ class Repeatability:
         self._draw = lru_cache(REMEMBERED)(self._new_draw)
         first = self._draw(0)
         self._blends: deque[Blend] = deque([Blend(-np.inf, -np.inf, first, first)], maxlen=REMEMBERED)
-        self._settled: tuple[Blend, RigidTransform] | None = None  # the last one that was over, and its end
+        self._settled: tuple[Blend, Array] | None = None  # the last one that was over, and its end
 
     def add(self, segment: Segment) -> None:
         """The arm begins ``segment``; moves planned for later are forgotten."""
@@ -70,13 +70,13 @@ class Repeatability:
         """Deviation (6,), translation first, m and rad, in the flange."""
         return self.blend_at(t).at(t)
 
-    def transform(self, t: float) -> RigidTransform:
-        """The deviation as a pose, to be composed on the right of the flange's."""
+    def matrix(self, t: float) -> Array:
+        """The deviation as a pose (4, 4), to be multiplied on the right of the flange's."""
         blend = self.blend_at(t)
         if t < blend.end:
-            return exp_xi(blend.at(t))
+            return displacement(blend.at(t))
         if self._settled is None or self._settled[0] is not blend:
-            self._settled = blend, exp_xi(blend.at(t))
+            self._settled = blend, displacement(blend.at(t))
         return self._settled[1]
 
     def blend_at(self, t: float) -> Blend:

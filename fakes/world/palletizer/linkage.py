@@ -68,6 +68,10 @@ class Palletizer:
 
     def flange(self, q: ArrayLike) -> RigidTransform:
         """``T_base_flange`` for motor-side joints ``q`` = [q1, q2, q3, q5], (4,) or (n, 4), rad."""
+        return RigidTransform(self.matrix(q), normalize=False, copy=False)
+
+    def matrix(self, q: ArrayLike) -> Array:
+        """The same as (4, 4) or (n, 4, 4)."""
         q1, q2, q3, q5 = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
         heading = self.k1 * q1 + self.t1
         upper = self.k2 * q2 + self.t2
@@ -83,4 +87,4 @@ class Palletizer:
         out[..., 0, 1] = -out[..., 1, 0]
         out[..., 0, 3], out[..., 1, 3], out[..., 2, 3] = x, y, up
         out[..., 2, 2] = out[..., 3, 3] = 1.0
-        return RigidTransform(out, normalize=False, copy=False)
+        return out

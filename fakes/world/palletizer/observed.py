@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from cell.poses import Array, compose, to_pose6
+from cell.poses import Array, to_pose6
 from fakes.world.arm.repeatability import Repeatability
 from fakes.world.arm.track import Track
 from fakes.world.palletizer.joint_errors import palletizer_joint_errors
@@ -82,7 +82,12 @@ class ObservedPalletizer:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return compose(self.true.flange(self._actual(t)), self._repeatability.transform(t))
+        return RigidTransform(self.true_matrix(t), normalize=False, copy=False)
+
+    def true_matrix(self, t: float) -> Array:
+        """The same as (4, 4)."""
+        out: Array = self.true.matrix(self._actual(t)) @ self._repeatability.matrix(t)
+        return out
 
     def lines(self, t: float) -> Array:
         """(5, 2, 3) m: its links, see :meth:`fakes.world.palletizer.linkage.Palletizer.lines`."""

@@ -35,14 +35,14 @@ class RackPlace:
 
 
 class Rack:
-    """``flange(t)`` is the true ``T_base_flange``. Parts are numbered from 0, slots from 1."""
+    """``flange(t)`` (4, 4) is the true ``T_base_flange``. Parts are numbered from 0, slots from 1."""
 
-    def __init__(self, truth: RackTruth, flange: Callable[[float], RigidTransform], t: float) -> None:
+    def __init__(self, truth: RackTruth, flange: Callable[[float], Array], t: float) -> None:
         self.truth = truth
         self.T_base_rack = from_pose6(truth.T_base_rack)
         self.on_face: list[float] = []  # when a part's front met the plate
         self.listeners: list[Callable[[int, RackPlace], None]] = []
-        self._flange_at: Callable[[float], Array] = lru_cache(4)(lambda at: flange(at).as_matrix())
+        self._flange_at: Callable[[float], Array] = lru_cache(4)(flange)
         self._slot = [self.T_base_rack.as_matrix() @ self._in_rack(n) for n in range(1, self.slots + 1)]
         self._into_slot = [np.linalg.inv(T) for T in self._slot]
         self._places: dict[int, list[RackPlace]] = {}

@@ -51,10 +51,11 @@ class Tracker:
         seed: int,
         t0: float,
         links: Links | None = None,
+        links_on: str = "arm",
     ) -> None:
         self.truth, self.reflectors = truth, reflectors
         self.stand = Stand(truth, t0)
-        self.visibility = ReflectorVisibility(truth, reflectors, carrier, still, self.stand, links)
+        self.visibility = ReflectorVisibility(truth, reflectors, carrier, still, self.stand, links, links_on)
         self.constant_m = truth.constant_m
         self.doubtful = False
         self.shake: tuple[float, float] = (0.0, 0.0)  # amplitude (m) and frequency (Hz)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
 from fakes.world.arm.distance import to_segments
@@ -14,7 +13,7 @@ from fakes.world.tracker.truth import BoxTruth, ReflectorTruth, TrackerTruth
 
 BROKEN, TURNED_AWAY, OUT_OF_RANGE = "beam broken", "reflector turned away", "out of the field of view"
 
-Carrier = Callable[[str, float], RigidTransform]  # what a reflector is on, at a time, in the base
+Carrier = Callable[[str, float], Array]  # what a reflector is on, at a time, in the base (4, 4)
 Links = Callable[[float], Array]  # both ends of the axis of each of an arm's links, (m, 2, 3) m, in the base
 Still = Callable[[str, float], bool]  # whether that does not move from a time on, as far as is planned
 
@@ -40,11 +39,13 @@ class ReflectorVisibility:
         still: Still,
         stand: Stand,
         links: Links | None = None,
+        links_on: str = "arm",
     ) -> None:
         self._truth, self._reflectors, self._stand = truth, reflectors, stand
-        self._carrier, self._still, self._links = carrier, still, links
+        self._carrier, self._still, self._links, self._links_on = carrier, still, links, links_on
         self._hindrances: list[_Hindrance] = []
         self._known: dict[str, tuple[float, Array, Array | None]] = {}
+        self._judged: dict[str, tuple[float, str]] = {}
         self._widest = {name: np.cos(reflector.half_angle_rad) for name, reflector in reflectors.items()}
 
     def hinder(self, why: str, t: float, reflector: str | None = None) -> None:
@@ -77,6 +78,22 @@ class ReflectorVisibility:
         for hindrance in self._hindrances:
             if hindrance.reflector in (None, name) and hindrance.since <= t < hindrance.until:
                 return hindrance.why
+        judged = self._judged.get(name)
+        if judged is None or not self._rests(name, judged[0], t):
+            judged = self._judged[name] = t, self._in_the_way(name, t)
+        return judged[1]
+
+    def _rests(self, name: str, since: float, t: float) -> bool:
+        """Whether reflector, arm and tracker are at ``t`` where they were ``since``."""
+        return (
+            since <= t
+            and self._stand.rests(since, t)
+            and self._still(self._reflectors[name].on, since)
+            and (self._links is None or self._still(self._links_on, since))
+        )
+
+    def _in_the_way(self, name: str, t: float) -> str:
+        """What :meth:`hindrance` is by where everything is."""
         where, how = self._stand.frame(t)
         centre, normal = self._where(name, t)
         way = centre - where
@@ -101,8 +118,8 @@ class ReflectorVisibility:
             return known[1], known[2]
         carrier, normal = self._carrier(reflector.on, t), None
         if reflector.normal is not None:
-            normal = carrier.as_matrix()[:3, :3] @ reflector.normal / np.linalg.norm(reflector.normal)
-        centre: Array = carrier.apply(reflector.point)
+            normal = carrier[:3, :3] @ reflector.normal / np.linalg.norm(reflector.normal)
+        centre: Array = carrier[:3, :3] @ reflector.point + carrier[:3, 3]
         self._known[name] = (t, centre, normal)
         return centre, normal
 

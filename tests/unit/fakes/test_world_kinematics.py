@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from cell.poses import from_pose6
-from fakes.world.arm.kinematics import MODELS, Chain, LinkDeltas, UnreachableError, chain
+from cell.poses import exp_xi, from_pose6
+from fakes.world.arm.kinematics import MODELS, Chain, LinkDeltas, UnreachableError, chain, displacement
 from tests.kit.ur_reference import independent_poses, models_of_the_library
 
 JOINTS = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6)
@@ -97,3 +97,10 @@ def test_a_pose_out_of_reach_is_refused_with_what_is_left(subject: Chain) -> Non
     far: RigidTransform = from_pose6([2.0, 0.0, 0.5, 0.0, 0.0, 0.0])
     with pytest.raises(UnreachableError, match="mm and"):
         subject.inverse(far, Q)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-160, 1e-9, 2e-5, 0.00999, 0.01001, 0.3, 3.0])
+def test_a_displacement_is_the_exponential_of_an_independent_library(angle: float) -> None:
+    axis = np.array([0.36, -0.48, 0.8])
+    xi = np.concatenate([[2e-5, -0.3, 0.7], angle * axis])
+    assert displacement(xi) == pytest.approx(exp_xi(xi).as_matrix(), abs=1e-14)

@@ -17,6 +17,7 @@ from fakes.world.world import World
 
 T0 = 100.0
 STAND = [2.0, -2.0, 0.9, 0.02, -0.01, 2.3]
+UPRIGHT = [0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]
 
 
 def scenario(tracker: str = "", reflectors: str | None = None) -> Scenario:
@@ -199,18 +200,42 @@ def test_the_twins_links_lie_where_the_drawings_have_them(model: str, within_m: 
         assert np.linalg.norm(shape.lines(q) - theirs, axis=-1).max() < within_m
 
 
+def behind_the_arm(keys: str) -> tuple[World, Tracker]:
+    """The upper arm stands between the tracker at +x and a mark at -x, 0.5 m above the base."""
+    subject, tracker = world(keys, '[world.reflectors.m]\non = "base"\npoint = [-3.0, -0.17, 0.5]')
+    tracker.stand.move(T0, np.array([3.0, -0.17, 0.5]) - STAND[:3])
+    subject.track.hold(T0, UPRIGHT)
+    return subject, tracker
+
+
 def test_the_arm_hides_what_is_behind_its_links_when_the_scenario_says_so() -> None:
-    # The upper arm stands between the tracker at +x and a mark at -x, 0.5 m above the base.
-    marks = '[world.reflectors.m]\non = "base"\npoint = [-3.0, -0.17, 0.5]'
     for radius, seen in ((0.0, ""), (0.05, BROKEN)):
-        tracker_keys = f"arm_radius_m = {radius}"
-        subject, tracker = world(tracker_keys, marks)
-        tracker.stand.move(T0, np.array([3.0, -0.17, 0.5]) - STAND[:3])
-        upright = [0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]
-        subject.track.hold(T0 + 1.0, upright)
+        subject, tracker = behind_the_arm(f"arm_radius_m = {radius}")
         assert tracker.visibility.hindrance("m", T0 + 1.0) == seen
-        subject.track.hold(T0 + 2.0, [np.pi / 2, *upright[1:]])
+        subject.track.hold(T0 + 2.0, [np.pi / 2, *UPRIGHT[1:]])
         assert tracker.visibility.hindrance("m", T0 + 2.0) == "", "beside the arm"
+
+
+def test_what_hides_a_reflector_hides_it_however_often_it_was_looked_at_before() -> None:
+    def goes_on(cell: tuple[World, Tracker], since: float, t: float) -> str:
+        if since < 2.0 <= t:
+            cell[0].track.start_joint_move(T0 + 2.0, [np.pi / 2, *UPRIGHT[1:]], 1.0, 2.0)
+        if since < 6.0 <= t:
+            cell[1].stand.move(T0 + 6.0, [50.0, 0.0, 0.0])
+        return cell[1].visibility.hindrance("m", T0 + t)
+
+    often, before, found = behind_the_arm("arm_radius_m = 0.05"), 0.0, set()
+    for t in np.arange(0.5, 8.0, 0.1).tolist():
+        why = goes_on(often, before, t)
+        assert why == goes_on(behind_the_arm("arm_radius_m = 0.05"), 0.0, t)
+        before = t
+        found.add(why)
+    assert found == {"", BROKEN, OUT_OF_RANGE}
+
+
+def test_a_creeping_tracker_comes_to_see_what_an_arm_at_rest_hid() -> None:
+    _, tracker = behind_the_arm("arm_radius_m = 0.05\ndrift_m_h = [0.0, 360.0, 0.0]")
+    assert [tracker.visibility.hindrance("m", T0 + t) for t in (0.1, 5.0)] == [BROKEN, ""]
 
 
 # -- following

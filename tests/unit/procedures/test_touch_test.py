@@ -16,7 +16,7 @@ from cell.procedure import Run
 from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
-from fakes.world.scenario import Obstacle
+from fakes.world.obstacle import Obstacle
 from procedures.beside_truth import Judged
 from procedures.documents import read_result
 from procedures.hand_eye.config import ConeCaptureConfig
