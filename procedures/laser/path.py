@@ -33,8 +33,9 @@ class BeamStation:
 
     def at(self, s: float, depth: float) -> RigidTransform:
         """``T_base_flange`` at ``s`` and ``depth``."""
-        t = self.start.translation + s * self.across - depth * UP
-        return RigidTransform.from_components(t, self.start.rotation)
+        flange = self.start.as_matrix()
+        flange[:3, 3] += s * self.across - depth * UP
+        return RigidTransform(flange, normalize=False, copy=False)
 
     def s_of(self, along: Array) -> Array:
         """(k,) m from the auxiliary point, for (k,) positions of the flange along ``across`` in the base."""

@@ -45,6 +45,12 @@ class ToolJoints:
         turn = (tool.rotation * self._upright.inv()).as_rotvec()
         return PursuitState.still(np.array([*tool.translation, float(turn[2])]))
 
+    def points(self, Q: Array) -> Array:
+        """The tool's point (n, 3) in the base at joints ``Q`` (n, 6)."""
+        flanges = self._model.flange_many(Q)
+        out: Array = flanges[:, :3, :3] @ self._T_flange_tool.translation + flanges[:, :3, 3]
+        return out
+
     def flanges(self, states: Sequence[PursuitState]) -> Array:
         """``T_base_flange`` (n, 4, 4) for the tool at each of ``states``."""
         P = np.array([state.p for state in states])

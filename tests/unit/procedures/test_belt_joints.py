@@ -44,6 +44,11 @@ def test_joints_put_the_tool_where_it_should_be(subject: ToolJoints) -> None:
     assert turn == pytest.approx([0.0, 0.0, 0.4], abs=1e-9)
 
 
+def test_the_point_of_many_joints_is_that_of_each(subject: ToolJoints) -> None:
+    Q = WAIT + np.random.default_rng(2).uniform(-0.5, 0.5, (4, 6))
+    assert subject.points(Q) == pytest.approx(np.array([subject.state(q).p[:3] for q in Q]), abs=1e-12)
+
+
 def test_joint_speeds_are_the_derivative_of_the_joints(subject: ToolJoints) -> None:
     state, h = moved(subject, 0.02, -0.03, 0.05, 0.4), 1e-5
     q, qd = subject.joints(state, WAIT)
