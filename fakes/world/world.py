@@ -8,7 +8,6 @@ true one; the target is the one that was printed, and the configuration has the 
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from cell.errors import error
-from cell.poses import Array, compose, from_pose6, to_pose6
+from cell.poses import Array, from_pose6, to_pose6
 from fakes.world.arm.gauge import serving
 from fakes.world.arm.kinematics import LinkDeltas, chain_of, frames_at_zero
 from fakes.world.arm.repeatability import Repeatability
@@ -42,24 +41,13 @@ from fakes.world.hand_guided import JOG_RAD_S, JOG_RAD_S2, joints_over
 from fakes.world.palletizer.observed import ObservedPalletizer
 from fakes.world.rack.rack import Rack
 from fakes.world.scenario import Scenario, WorldTruth
+from fakes.world.scene import Scene
 from fakes.world.targets import target_points
 from fakes.world.tracker.tracker import Tracker
 
 _TRACKER_LOOKS_S = 1.0  # a set-point stream has a segment every few milliseconds
 _TOLD_OF_CAMERA = {"serial", "width", "height", "K", "dist", "stamp_late_s"}
 Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What is truly where at ``t``; ``None`` while the target is not in the cell."""
-
-    t: float
-    placement: int | None
-    T_base_flange: RigidTransform
-    T_base_camera: RigidTransform
-    T_base_target: RigidTransform | None
-    T_camera_target: RigidTransform | None
 
 
 class Operator:
@@ -344,15 +332,9 @@ class World:
 
     def scene(self, t: float) -> Scene:
         """The true poses at ``t``."""
-        flange = self.true_flange(t)
         placement = self.operator.placement_at(t)
-        mount = None if placement is None else self.T_mount_target[placement]
-        if self.eye_in_hand:
-            camera, target = compose(flange, self.T_mount_camera), mount
-        else:
-            camera, target = self.T_mount_camera, None if mount is None else compose(flange, mount)
-        seen = None if target is None else compose(camera.inv(), target)
-        return Scene(t, placement, flange, camera, target, seen)
+        target = None if placement is None else self.T_mount_target[placement]
+        return Scene(t, placement, self.true_matrix(t), self.T_mount_camera, target, self.eye_in_hand)
 
     def contact_force(self, t: float, T_flange_tcp: RigidTransform) -> Array:
         """Force (N) of obstacles on the true tool's tip, and of a rack on the part that is held, and their

@@ -44,6 +44,9 @@ def test_with_a_fixed_camera_the_board_rides_on_the_flange() -> None:
     after = subject.scene(end)
     assert np.allclose(to_pose6(before.T_base_camera), to_pose6(after.T_base_camera))
     assert after.T_base_target is not None
+    assert after.T_camera_target is not None
+    seen = after.T_base_camera * after.T_camera_target
+    assert np.allclose(to_pose6(seen), to_pose6(after.T_base_target), atol=1e-9)
     mounted = after.T_base_flange.inv() * after.T_base_target
     assert np.allclose(to_pose6(mounted), subject.truth()["T_flange_target"][0], atol=1e-9)
 
