@@ -38,6 +38,7 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
         "noise_px",
         "row_time_s",
         "stamp_jitter_s",
+        "stamp_late_s",
         "stereo",
         "vignette",
         "noise_grey",
@@ -46,7 +47,7 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
         "auto_exposure",
     ),
     "io": ("filter_s", "scan_s"),
-    "belt": ("jitter_s", "by_events"),
+    "belt": ("late_s", "jitter_s", "by_events"),
     "gripper": ("close_s", "open_s"),
 }
 

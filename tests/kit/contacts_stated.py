@@ -51,7 +51,7 @@ def stated_run(
     camera_off = rng.multivariate_normal(np.zeros(6), CAMERA_COV)
     scale, turn = SCALE * rng.standard_normal(), TURN_RAD * rng.standard_normal()
     late_s = DELAY_S * rng.standard_normal()
-    lines = {"seed": str(seed), "stamp_jitter_s": f"0.0001\nstamp_late_s = {late_s}", **world}
+    lines = {"seed": str(seed), "stamp_late_s": str(late_s), **world}
     config = picking_config(folder, job, lines, real=True, as_shipped=True)
     found = StatedRun()
 

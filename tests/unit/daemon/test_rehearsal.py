@@ -134,6 +134,18 @@ def test_what_a_twin_draws_is_around_what_the_configuration_says(tmp_path: Path)
     assert camera.T_flange_camera == pytest.approx(camera.nominal, abs=0.08)
 
 
+def test_the_stamps_of_a_twin_are_late_by_what_its_seed_draws(tmp_path: Path) -> None:
+    path, late = whole_example(tmp_path, BELT_SPEEDS), []
+    for seed in (1, 2):
+        rehearsed_cell(load_config(path), path, "belt-tracking", seed, tmp_path)
+        world = Scenario.load(tmp_path / "scenario.toml").world
+        late.append((present(world.camera, "camera").stamp_late_s, present(world.belt, "belt").late_s))
+    for camera_s, encoder_s in late:
+        assert 0.0 < abs(camera_s) < 0.002
+        assert 0.0004 <= encoder_s <= 0.0014
+    assert late[0] != late[1]
+
+
 @pytest.mark.parametrize(
     ("device", "noise", "one_by_one"),
     [
