@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from calibration.targets import make_target
 from cell.run_values import RunValues
 
 M = TypeVar("M", bound=BaseModel)
@@ -50,3 +51,16 @@ class Setup:
             for role in roles
             if role not in self.roles
         ]
+
+    def unseen(self, target: str, min_corners: int = 0) -> list[str]:
+        """Why no picture will show enough of a target; nothing where one can."""
+        spec = self.values.targets.get(target)
+        if spec is None:
+            return [f"target = '{target}' is no [target.NAME] section; add it or name another"]
+        if spec["type"] == "points":
+            return [
+                f"target '{target}' is of the type points, which no picture shows; use one that is printed"
+            ]
+        if (points := len(make_target(spec).points)) < min_corners:
+            return [f"min_corners is {min_corners}, and the target '{target}' has {points} points; lower it"]
+        return []

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from calibration.targets import make_target
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.setup import Setup
 from procedures.words import deg, mm
@@ -10,14 +9,7 @@ from procedures.words import deg, mm
 
 def eye_to_hand_expectation(setup: Setup, job: EyeToHandCheckConfig) -> dict[str, Any]:
     """``text``, what keeps the job from its answer, and what will be known less well than wished."""
-    problems = setup.missing("arm", "fixed_camera")
-    target = setup.values.targets.get(job.target)
-    if target is None:
-        problems.append(f"target = '{job.target}' is no [target.NAME] section; add it or name another")
-    elif (points := len(make_target(target).points)) < job.min_corners:
-        problems.append(
-            f"min_corners is {job.min_corners}, and the target '{job.target}' has {points} points; lower it"
-        )
+    problems = setup.missing("arm", "fixed_camera") + setup.unseen(job.target, job.min_corners)
     cautions = []
     for what, sigma, limit, words in (
         ("place_sigma_t_m", job.place_sigma_t_m, job.accept.max_error_t_m, mm),

@@ -25,10 +25,25 @@ NOMINAL = {
 
 
 def cone_expectation(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
-    """``text``, how many poses are reached, the predicted uncertainty, and the ``problems``.
+    """``text``, how many poses are reached, the predicted uncertainty, the ``problems`` and ``cautions``.
 
     The target is taken to stand before the camera, at right angles to the line of sight.
     """
+    problems = setup.unseen(job.target, job.min_corners)
+    found: dict[str, Any] = {"text": problems[0]} if problems else _reached(setup, job)
+    return found | {"problems": problems + found.get("problems", []), "cautions": list(_cautions(job))}
+
+
+def _cautions(job: ConeCaptureConfig) -> Iterator[str]:
+    if (poses := job.poses_per_placement) % 2:
+        yield (
+            f"poses_per_placement is {poses}, an odd number: no pose has one opposite to it on the cone, and "
+            f"the two distances are not taken equally often; make it {poses + 1}"
+        )
+
+
+def _reached(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
+    """Of the poses around a target that can be seen."""
     if "arm" not in setup.roles:
         return {"text": "no prediction without a device for [robot] arm"}
     nominal = {k: setup.nominal[key] for k, key in NOMINAL[job.setup].items()}

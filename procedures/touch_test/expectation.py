@@ -22,11 +22,10 @@ _FAR_M = 1.0  # farther no camera on a flange looks at a board: an assumption
 
 def touch_expectation(setup: Setup, job: TouchTestConfig) -> dict[str, Any]:
     """``text``, what keeps the job from its answer, and what will be known less well than wished."""
-    problems = setup.missing("arm", "flange_camera")
+    problems = setup.missing("arm", "flange_camera") + setup.unseen(job.target)
     target = setup.values.targets.get(job.target)
-    if target is None:
-        problems.append(f"target = '{job.target}' is no [target.NAME] section; add it or name another")
-    elif job.corners is not None and max(job.corners) >= (points := len(make_target(target).points)):
+    points = 0 if target is None else len(make_target(target).points)
+    if target is not None and job.corners is not None and max(job.corners) >= points:
         problems.append(f"corners has {max(job.corners)}, and '{job.target}' has points 0 to {points - 1}")
     if job.look_pose not in setup.poses:
         problems.append(f"look_pose = '{job.look_pose}' is not in [poses]; add the pose or name another")
