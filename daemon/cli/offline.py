@@ -1,5 +1,6 @@
 """``cellward solve``: from a data set to a result, without robot or daemon."""
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,7 @@ import typer
 from cell.errors import error
 from cell.formats.result import Envelope
 from daemon.cli.failures import FAILED
-from daemon.cli.options import JsonOption
+from daemon.cli.options import ConfigOption, JsonOption
 from daemon.cli.output import out, out_json, say
 from daemon.cli.progress import ProgressBar
 from procedures.kind import KINDS as ALL_KINDS
@@ -39,9 +40,18 @@ def solve(
     robot: Annotated[
         Path | None, typer.Option("--robot", help="A file with the ROBOT, before the one in the data.")
     ] = None,
+    kinematics: Annotated[
+        int | None,
+        typer.Option(
+            "--kinematics",
+            metavar="VERSION",
+            help="hand-eye: the cell's arm by this version of its kinematics, before the one in the data.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Write an HTML report to this file.")
     ] = None,
+    config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve a data set from anywhere; exit code 1 when the verdict is fail."""
@@ -49,7 +59,8 @@ def solve(
         if written is not None and not written.absolute().parent.is_dir():
             folder = written.absolute().parent
             raise error("ARGUMENT_INVALID", f"{written}: the folder {folder} does not exist")
-    result = solve_data(kind, path, method, predict=predict, targets=targets, robot=robot)
+    arm = robot if kinematics is None else _of_version(kinematics, kind, robot, config)
+    result = solve_data(kind, path, method, predict=predict, targets=targets, robot=arm)
     if output is not None:
         _write(output, result)
     if report is not None:
@@ -67,10 +78,23 @@ def solve(
         raise typer.Exit(FAILED)
 
 
-def solve_data(kind: str, path: Path, method: str | None, **asked: Path | None) -> dict[str, Any]:
+def _of_version(version: int, kind: str, robot: Path | None, config: Path | None) -> dict[str, Any]:
+    if kind != "hand-eye":
+        raise error("ARGUMENT_INVALID", f"--kinematics is for hand-eye, not for {kind}; leave it out")
+    if robot is not None:
+        raise error("ARGUMENT_INVALID", "--robot and --kinematics both tell the arm; give one of them")
+    from daemon.cli.kinematics_version import robot_of_version
+
+    return robot_of_version(version, config)
+
+
+def solve_data(
+    kind: str, path: Path, method: str | None, **asked: Path | Mapping[str, Any] | None
+) -> dict[str, Any]:
     """The result document of one data set, with a progress bar on a terminal.
 
-    ``asked`` are files by option name; a kind that has no use for one that is given refuses it.
+    ``asked`` are files by option name, an arm also as its ROBOT; a kind that has no use for one that is
+    given refuses it.
     """
     if kind not in KINDS:
         near = get_close_matches(kind, KINDS, n=1)
