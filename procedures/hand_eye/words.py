@@ -12,6 +12,7 @@ from procedures.hand_eye.result import (
     HandEyeResult,
     HandEyeUncertainty,
     MovedCamera,
+    NeighbourBase,
     NeighbourSpread,
     Spread,
     TargetScale,
@@ -127,13 +128,22 @@ def _unweighted(classic: NeighbourSpread | None) -> list[str]:
     """The same figures by the classic cone method, which published ones may be held against."""
     if classic is None:
         return []
-    both = (("within", classic.within), ("across", classic.across))
-    told = [f"{where} placements {mm(one.t_norm)}, {deg(one.r)}" for where, one in both if one is not None]
+    told = _plain_spreads(classic)
     if classic.not_determined:
         told.append(f"not determined: {classic.not_determined}")
     order = "the cone's order" if classic.order == "planned" else "the order in which they were taken"
     lines = [f"unweighted, from neighbours in {order}: spread {'; '.join(told)}"] if told else []
+    lines += [
+        f"unweighted, base {int(base) + 1}: {'; '.join(spreads)}"
+        for base, part in classic.by_base.items()
+        if told and (spreads := _plain_spreads(part))
+    ]
     return lines + ([f"the unweighted spreads are {classic.verdict}"] if classic.verdict else [])
+
+
+def _plain_spreads(of: NeighbourSpread | NeighbourBase) -> list[str]:
+    both = (("within", of.within), ("across", of.across))
+    return [f"{where} placements {mm(one.t_norm)}, {deg(one.r)}" for where, one in both if one is not None]
 
 
 def _spread_text(spread: Spread, configured: Spread | None) -> str:

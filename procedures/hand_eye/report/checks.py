@@ -3,7 +3,14 @@
 import numpy as np
 
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.hand_eye.result import Distance, HandEyeAnswer, Intrinsics, LeftOut
+from procedures.hand_eye.result import (
+    Distance,
+    HandEyeAnswer,
+    Intrinsics,
+    LeftOut,
+    NeighbourBase,
+    NeighbourSpread,
+)
 from procedures.hand_eye.words import FLOOR_UNKNOWN
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
 from procedures.report.numbers import DASH, deg, mm, mms, px
@@ -22,6 +29,7 @@ def consistency_section(source: HandEyeSource) -> Html | None:
         )
     ]
     body.append(_spread_table(answer))
+    body.append(_unweighted_table(answer))
     body.append(_estimates(source, answer))
     return section("Consistency of simple estimates", *body)
 
@@ -58,6 +66,27 @@ def _spread_table(answer: HandEyeAnswer) -> Html:
             resolved = "resolved" if spread.resolved else "not resolved"
         rows.append((name, told, figure, floor, resolved, el("span", meaning, class_="note")))
     return table(("", "as configured", "with what was found", "noise floor", "", "what it is"), rows)
+
+
+def _unweighted_table(answer: HandEyeAnswer) -> Html | None:
+    """The same two by the classic cone method, over all placements and by place of the stand."""
+    classic = answer.neighbour_spread
+    if classic is None:
+        return None
+    parts: list[tuple[str, NeighbourSpread | NeighbourBase]] = [("all placements", classic)]
+    parts += [(f"base {int(base) + 1}", part) for base, part in classic.by_base.items()]
+    rows = [
+        (
+            name,
+            *(
+                DASH if one is None else f"{mm(one.t_norm)}, {deg(one.r)}"
+                for one in (part.within, part.across)
+            ),
+        )
+        for name, part in parts
+    ]
+    head = ("unweighted, as published figures of the cone method", "within placements", "across placements")
+    return table(head, rows, "lrr")
 
 
 def _estimates(source: HandEyeSource, answer: HandEyeAnswer) -> Html | None:

@@ -9,7 +9,9 @@ from calibration.hand_eye.neighbours import NeighbourEstimates
 from cell.errors import InputError
 from procedures.hand_eye.comparison import compare_hand_eye
 from procedures.hand_eye.config import Acceptance
-from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.report.checks import consistency_section
+from procedures.hand_eye.report.source import HandEyeSource
+from procedures.hand_eye.result import HandEyeResult, NeighbourBase, PlainSpread
 from procedures.hand_eye.solve.neighbours import Neighbours
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.hand_eye.verdict import judged
@@ -92,3 +94,23 @@ def test_a_comparison_shows_the_spreads_of_both(found: HandEyeResult) -> None:
     first, second = subject.as_dict()["spreads"]
     assert first == second
     assert first["neighbour_spread"]["within"]["t_norm"] == spread_within(found)
+
+
+def test_the_unweighted_spreads_are_shown_for_all_and_for_each_place_of_the_stand(
+    found: HandEyeResult,
+) -> None:
+    classic = found.result.neighbour_spread
+    assert classic is not None
+    assert classic.within is not None
+    wider = PlainSpread(t=[0.004] * 3, t_norm=0.007, r=0.001)
+    bases = {
+        "0": NeighbourBase(within=classic.within, across=None),
+        "1": NeighbourBase(within=wider, across=wider),
+    }
+    answer = found.result.changed(neighbour_spread=classic.changed(by_base=bases))
+    lines = spread_lines(answer)
+    assert "unweighted, base 2: within placements 7.000 mm, 0.0573 deg; across" in "\n".join(lines)
+    page = consistency_section(HandEyeSource(found.changed(result=answer)))
+    assert page is not None
+    for told in ("all placements", "base 1", f"{1e3 * classic.within.t_norm:.3f} mm", "base 2", "7.000 mm"):
+        assert told in page
