@@ -50,4 +50,4 @@ def give_camera(ledger: Ledger, truth: Mapping[str, Any], drawn: Sequence[float]
     """Commit the twin's own ``T_base_camera``, as an earlier eye-to-hand calibration would have; say so."""
     found = {"result": {"lens": truth["camera"]}}
     ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], found, 0, drawn), "the demo")
-    say("the camera over the belt counts as calibrated before: the twin's own T_base_camera was committed")
+    say("the fixed camera counts as calibrated before: the twin's own T_base_camera was committed")
