@@ -61,7 +61,7 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     assert 1e-5 < prediction["predicted"]["error95_t_m"] < 5e-4
 
     assert "every move keeps the limits" in shown.out
-    assert beams["slide_m"] == pytest.approx(0.02 * 0.005)
+    assert beams["slide_m"] == pytest.approx(0.025 * 0.005)
     assert beams["problems"] == []
     assert 0.0 < beams["U_z_m"] < beams["slide_m"]
     assert 0.0 < beams["U_xy_m"] < beams["slide_m"]
