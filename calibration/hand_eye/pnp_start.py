@@ -23,11 +23,12 @@ def start_poses(views: Sequence[CornerSet], ideal: Sequence[Array]) -> Array:
     explains the corners.
     """
     guesses = np.full((len(views), 4, 4), np.nan)
+    flat = _at_no_height(views)
     planar: dict[int, list[int]] = {}  # views by number of corners
     for i, view in enumerate(views):
         if view.start is not None:
             guesses[i] = view.start
-        elif _is_planar(view.points):
+        elif flat[i] or _is_planar(view.points):
             planar.setdefault(len(view.points), []).append(i)
         else:
             guesses[i] = _from_space(view.points, ideal[i])
@@ -66,10 +67,18 @@ def _half_turn(axis: Array) -> Array:
     return np.asarray(2.0 * axis[:, :, None] * axis[:, None, :] - np.eye(3))
 
 
+def _at_no_height(views: Sequence[CornerSet]) -> NDArray[np.bool_]:
+    """(n,) whether all points of a view have z = 0, as those of a printed target usually do."""
+    if not views:
+        return np.zeros(0, dtype=bool)
+    sizes = np.array([len(view.points) for view in views])
+    off = np.concatenate([view.points[:, 2] for view in views]) != 0.0
+    out: NDArray[np.bool_] = ~np.logical_or.reduceat(off, np.cumsum(sizes) - sizes)
+    return out
+
+
 def _is_planar(points: Array) -> bool:
-    """Whether all points lie in one plane; the usual z = 0 is seen at once."""
-    if not np.any(points[:, 2]):
-        return True
+    """Whether all points lie in one plane."""
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(extent[2] < 1e-6 * extent[0])
 
@@ -108,11 +117,17 @@ def _homographies(plane: Array, ideal: Array) -> Array:
     """H (k, 3, 3) with ``ideal ~ H plane`` from (k, m, 2) each, both of unit size about zero."""
     k, m, _ = plane.shape
     p = np.concatenate([plane, np.ones((k, m, 1))], axis=2)
-    A = np.zeros((k, 2, m, 9))
-    A[:, 0, :, :3] = A[:, 1, :, 3:6] = p
-    A[:, 0, :, 6:], A[:, 1, :, 6:] = -ideal[..., :1] * p, -ideal[..., 1:] * p
-    rows = A.reshape(k, 2 * m, 9)
-    _, vectors = np.linalg.eigh(np.swapaxes(rows, 1, 2) @ rows)
+    products = (p[:, :, :, None] * p[:, :, None, :]).reshape(k, m, 9)
+    x, y = ideal[..., 0], ideal[..., 1]
+    # The equations' normal matrix is made of sums of p p^T, weighted by 1, x, y and x^2 + y^2.
+    weights = np.stack([np.ones_like(x), x, y, x * x + y * y], axis=1)
+    one, of_x, of_y, of_both = np.moveaxis((weights @ products).reshape(k, 4, 3, 3), 1, 0)
+    N = np.zeros((k, 9, 9))
+    N[:, :3, :3] = N[:, 3:6, 3:6] = one
+    N[:, :3, 6:] = N[:, 6:, :3] = -of_x
+    N[:, 3:6, 6:] = N[:, 6:, 3:6] = -of_y
+    N[:, 6:, 6:] = of_both
+    _, vectors = np.linalg.eigh(N)
     return np.asarray(vectors[:, :, 0].reshape(k, 3, 3))
 
 
