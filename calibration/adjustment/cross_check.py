@@ -28,7 +28,8 @@ from cell.poses import Array, adjoint
 
 NONE, TOOL, CAMERA, JOINT, SEVERAL = "none", "tool", "camera", "joint", "several"
 Part = Literal["none", "tool", "camera", "joint zero", "cannot-tell"]
-SURE = 0.975  # 40 to 1, that a part is named
+SURE = 0.975  # 40 to 1 that a part has changed, alone or with another: then it is named
+_ALONE = 0.9  # 10 to 1 at least that it was alone
 # Standard deviations of a change that happened, and of what changes in a cell to which nothing happened.
 _TOOL_M, _CAMERA_M, _CAMERA_RAD, _JOINT_RAD = 2e-3, 3e-3, 3e-3, 3e-3
 _STILL_M, _STILL_RAD = 1e-5, 1e-5
@@ -134,8 +135,11 @@ def cross_check(
     single = max((n for n in weight if n.split()[0] == kind), key=lambda n: weight[n])
     change, cov = cell.change(hypotheses[single][0], kind, single)
     joint = int(single.split()[1]) if kind == JOINT else None
+    own = single.split()[-1]  # as hypotheses of several parts have it
+    with_another = sum(weight[n] for n in weight if n.split()[0] == SEVERAL and own in n.split()[1:]) / total
+    sure = grouped[kind] >= _ALONE and grouped[kind] + with_another >= SURE
     part: Part = "cannot-tell"
-    if kind != SEVERAL and grouped[kind] >= SURE and joint not in cell.by_beams_alone:
+    if kind != SEVERAL and sure and joint not in cell.by_beams_alone:
         part = "joint zero" if kind == JOINT else kind  # type: ignore[assignment]
     if part != "joint zero":
         joint = None

@@ -23,6 +23,12 @@ def test_a_bent_tool_is_named_with_its_shift(setup: Setup) -> None:
     assert np.linalg.norm(subject.change) == pytest.approx(TOOL_M, rel=0.2)
 
 
+def test_a_bent_tool_is_named_where_another_part_may_have_changed_with_it() -> None:
+    subject = checked(1014, "tool", setup="eye-in-hand", poses=100)
+    assert 0.03 < subject.probable["several"] < 0.1
+    assert subject.part == "tool"
+
+
 @pytest.mark.parametrize(("setup", "poses"), [("eye-to-hand", 40), ("eye-in-hand", 100)])
 def test_a_moved_camera_is_named(setup: Setup, poses: int) -> None:
     subject = checked(3, "camera", setup=setup, poses=poses)
