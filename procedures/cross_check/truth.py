@@ -9,7 +9,7 @@ from cell.poses import from_pose6
 from procedures.beside_truth import SURE_POINT, Judged
 from procedures.cross_check.result import CrossCheckResult
 from procedures.cross_check.words import JOINTS, said
-from procedures.words import mm
+from procedures.words import deg, mm
 
 RADIUS95 = 2.796  # of a normal 3-vector, in its standard deviation of an axis
 STILL = 1e-9  # m and rad
@@ -18,32 +18,37 @@ STILL = 1e-9  # m and rad
 def judge_change(result: CrossCheckResult, then: Mapping[str, Any], now: Mapping[str, Any]) -> Judged:
     """``then`` and ``now`` are the twin's truths at the two captures.
 
-    Good when what alone has changed is named, tool and camera also by how far they moved: within what is
-    stated, widened to 99.73 %. ``cannot-tell`` is right of several changes alone.
+    Good when what alone has changed is named, and by how far it moved and turned, as far as that is
+    stated: within what is stated, widened to 99.73 %. ``cannot-tell`` is right of several changes alone.
     """
     answer, changed = result.result, _changed(then, now)
     named = f"zero of {answer.joint}" if answer.part == "joint zero" else answer.part
     true = next(iter(changed)) if len(changed) == 1 else "cannot-tell" if changed else "none"
     good, stated, off = named == true, named, "-" if named == true else f"truly: {true}"
-    told = ", ".join(f"{part} by {1e3 * by:.3f}" for part, by in changed.items())
-    lines = [f"named: {said(answer)}", f"truly changed: {told + ' (mm, mrad)' if told else 'nothing'}"]
+    told = ", ".join(f"{part} by {1e3 * t:.3f} mm, {1e3 * r:.3f} mrad" for part, (t, r) in changed.items())
+    lines = [f"named: {said(answer)}", f"truly changed: {told or 'nothing'}"]
+    t, r = changed.get(named, (0.0, 0.0))
+    if good and answer.r is not None and answer.r_sigma is not None:
+        bound, apart = RADIUS95 * answer.r_sigma, abs(abs(answer.r) - r)
+        good = apart <= SURE_POINT * bound
+        stated, off = f"{named}, by {deg(answer.r)} +- {deg(bound)} (95 %)", deg(apart)
     if good and answer.t is not None and answer.t_sigma is not None:
-        bound, apart = RADIUS95 * answer.t_sigma, abs(answer.t - changed[named])
+        bound, apart = RADIUS95 * answer.t_sigma, abs(answer.t - t)
         good = apart <= SURE_POINT * bound
         stated, off = f"{named}, by {mm(answer.t)} +- {mm(bound)} (95 %)", mm(apart)
     lines.append(f"{'consistent' if good else 'NOT consistent'} with what has truly changed")
     return Judged(good, "\n".join(lines), stated, off)
 
 
-def _changed(then: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, float]:
-    """What is elsewhere now, and by how much: m of the tool's point and the camera, rad of a joint's zero."""
+def _changed(then: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """What is elsewhere now, and by how much: m of the tool's point or the camera, and rad."""
     found = {
         "tool": _moved(then["T_flange_tool"], now["T_flange_tool"]),
         "camera": _moved(_camera(then), _camera(now)),
     }
     zeros = np.subtract(*(truth["robot"]["error"]["delta_theta"] for truth in (now, then)))
-    found |= {f"zero of {JOINTS[k]}": abs(float(zero)) for k, zero in enumerate(zeros)}
-    return {part: by for part, by in found.items() if by > STILL}
+    found |= {f"zero of {JOINTS[k]}": (0.0, abs(float(zero))) for k, zero in enumerate(zeros)}
+    return {part: by for part, by in found.items() if max(by) > STILL}
 
 
 def _camera(truth: Mapping[str, Any]) -> Sequence[float]:
@@ -53,8 +58,7 @@ def _camera(truth: Mapping[str, Any]) -> Sequence[float]:
     return pose
 
 
-def _moved(then: Sequence[float], now: Sequence[float]) -> float:
-    """m of its origin; of one that has only turned, rad."""
+def _moved(then: Sequence[float], now: Sequence[float]) -> tuple[float, float]:
+    """m of its origin, and rad."""
     motion = from_pose6(then).inv() * from_pose6(now)
-    shift = float(np.linalg.norm(motion.translation))
-    return shift if shift > STILL else float(motion.rotation.magnitude())
+    return float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())

@@ -55,3 +55,16 @@ def test_a_part_that_moved_by_more_than_is_stated_disagrees() -> None:
     far = judge_change(found("tool", t=0.0013, t_sigma=2e-5), STILL, BENT)
     assert (far.good, far.off) == (False, "0.200 mm")
     assert "NOT consistent" in far.text
+
+
+def test_a_camera_that_only_turned_is_held_against_its_angle() -> None:
+    turned = {**STILL, "mechanical": {"T_flange_camera": [0.0, -0.08, 0.05, 0.0, 0.002, 0.0]}}
+    right = found("camera", t=1e-5, t_sigma=2e-5, r=0.00201, r_sigma=1e-5)
+    assert judge_change(right, STILL, turned).good
+    wrong = judge_change(found("camera", t=1e-5, t_sigma=2e-5, r=0.0015, r_sigma=1e-5), STILL, turned)
+    assert (wrong.good, "NOT consistent" in wrong.text) == (False, True)
+
+
+def test_a_zero_that_is_off_by_more_than_is_stated_disagrees() -> None:
+    far = found("joint zero", joint="elbow", r=0.0013, r_sigma=1e-5)
+    assert not judge_change(far, STILL, LOST).good
