@@ -4,8 +4,8 @@ A collection of all that lives takes tens of milliseconds, in which the loop sta
 is frozen, the automatic collections look at young objects only, and the whole is collected while no job runs.
 
 Young objects are counted as those made less those freed, whatever their age. Buffers of samples free an old
-one for each new one, so there are more to look at when the count is reached: with a count of 20 000, beside
-an arm of 500 states a second, they were 34 000 to 54 000, which took 12 to 40 ms.
+one for each new one, so there are several times as many to look at when the count is reached
+(``python -m bench.lateness`` shows how late the loop is).
 """
 
 import asyncio

@@ -33,8 +33,9 @@ _ALONE = 0.9  # 10 to 1 at least that it was alone
 # Standard deviations of a change that happened, and of what changes in a cell to which nothing happened.
 _TOOL_M, _CAMERA_M, _CAMERA_RAD, _JOINT_RAD = 2e-3, 3e-3, 3e-3, 3e-3
 _STILL_M, _STILL_RAD = 1e-5, 1e-5
-# What a lens at a fixed focus differs by from one capture to the next: the picture of a camera drifts by some
-# 0.1 px for a degree (7 px for 50 degrees were measured), and warm cameras differ by a few.
+# What a lens at a fixed focus differs by from one capture to the next. Pictures drift by some 0.14 px for a
+# degree ("Modeling and Compensation Method of Camera Temperature Drift Effect", Acta Optica Sinica 2024: 7 px
+# for 50 degrees), and warm cameras differ by two degrees or so: an assumption, as what goes with it is.
 LENS_STILL = LensPrior(focal=1e-4, aspect=1e-5, centre_px=0.3, radial=3e-4, tangential=3e-5)
 _UNKNOWN = 10.0  # m and rad, of the camera's pose itself
 _BEFOREHAND = {NONE: 0.4, TOOL: 0.19, CAMERA: 0.19, JOINT: 0.19, SEVERAL: 0.03}  # two at once are rare

@@ -29,6 +29,7 @@ def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path)
         raise error("SOLVE_REFUSED", "no tracker looked, and the base is known by it alone")
     apart: list[float] = []
     bounds: list[float] = []
+    corrected: list[bool] = []
     true: dict[str, list[float]] = {"as given": [], "corrected": []}
     for target in result.result.targets:
         wanted = from_pose6(target.T_base_flange).apply(place_of(data.robot, data.reflector))
@@ -39,6 +40,7 @@ def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path)
             true[how].append(float(np.linalg.norm(off)))
             apart.append(float(np.linalg.norm(off - reached.error)))
             bounds.append(reached.error_95_m)
+            corrected.append(reached is target.after)
     shares = np.divide(apart, bounds)
     as_stated = len(shares) > 0 and float(shares.max()) <= SURE_POINT
     better = not true["as given"] or _rms(true["corrected"]) < _rms(true["as given"])
@@ -54,13 +56,14 @@ def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path)
     if not better:
         text.append("corrected targets are truly NOT closer than as given")
     text.append(f"{words} what is stated")
-    k = int(np.argmax(shares)) if apart else 0
-    of95 = {"target": float(shares[k])} if apart else {}
+    of95 = {"target": float(shares.max())} if apart else {}
+    # The row is of corrected targets alone, as what is left of them is.
+    k = int(np.argmax(np.where(corrected, shares, -1.0))) if any(corrected) else None
     return Judged(
         good,
         "\n".join(text),
-        f"{mm(after.max_m)} left +- {mm(bounds[k] if bounds else None)} (95 %)",
-        mm(apart[k] if apart else None),
+        f"{mm(after.max_m)} left +- {mm(None if k is None else bounds[k])} (95 %)",
+        mm(None if k is None else apart[k]),
         all_inside(of95),
         of95,
     )

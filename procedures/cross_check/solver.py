@@ -121,7 +121,7 @@ def check_cell(
     if first.setup != last.setup:
         text = f"{then} is {first.setup}, {now} is {last.setup}; give two captures of one camera"
         raise error("ARGUMENT_INVALID", text)
-    if first.given == last.given:
+    if (first.given, first.lens) == (last.given, last.lens):
         first, last = first.with_lens(), last.with_lens()
     tool = None if beams is None else tool_of(beams)
     by_tracker = None if tracker is None else _arm_by(tracker, last.arm)

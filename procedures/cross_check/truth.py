@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from cell.poses import from_pose6
-from procedures.beside_truth import SURE_POINT, Judged
+from procedures.beside_truth import SURE_SCALAR, Judged
 from procedures.cross_check.result import CrossCheckResult
 from procedures.cross_check.words import JOINTS, said
 from procedures.words import deg, mm
 
-RADIUS95 = 2.796  # of a normal 3-vector, in its standard deviation of an axis
+LIMIT95 = 1.96  # of one number, as the size of a change is, in its standard deviation
 STILL = 1e-9  # m and rad
 
 
@@ -29,12 +29,12 @@ def judge_change(result: CrossCheckResult, then: Mapping[str, Any], now: Mapping
     lines = [f"named: {said(answer)}", f"truly changed: {told or 'nothing'}"]
     t, r = changed.get(named, (0.0, 0.0))
     if good and answer.r is not None and answer.r_sigma is not None:
-        bound, apart = RADIUS95 * answer.r_sigma, abs(abs(answer.r) - r)
-        good = apart <= SURE_POINT * bound
+        bound, apart = LIMIT95 * answer.r_sigma, abs(abs(answer.r) - r)
+        good = apart <= SURE_SCALAR * bound
         stated, off = f"{named}, by {deg(answer.r)} +- {deg(bound)} (95 %)", deg(apart)
     if good and answer.t is not None and answer.t_sigma is not None:
-        bound, apart = RADIUS95 * answer.t_sigma, abs(answer.t - t)
-        good = apart <= SURE_POINT * bound
+        bound, apart = LIMIT95 * answer.t_sigma, abs(answer.t - t)
+        good = apart <= SURE_SCALAR * bound
         stated, off = f"{named}, by {mm(answer.t)} +- {mm(bound)} (95 %)", mm(apart)
     lines.append(f"{'consistent' if good else 'NOT consistent'} with what has truly changed")
     return Judged(good, "\n".join(lines), stated, off)

@@ -115,3 +115,15 @@ def test_without_a_tracker_it_is_said_that_nothing_can_be_judged(
 ) -> None:
     with pytest.raises(CellError, match="no tracker looked"):
         judged(run_of(tmp_path, truth, None), truth)
+
+
+def test_the_row_is_of_corrected_targets_alone(truth: dict[str, Any], tmp_path: Path) -> None:
+    """What is said to be left is that of a corrected target, and so are its limit and how far off it is."""
+    true = judged(run_of(tmp_path, truth), truth)
+    document = solve_targets(tmp_path / "corrected-targets.json", None)
+    for target in document.result.targets:
+        assert target.before is not None
+        target.before.error[0] += 5e-4
+    subject = judge_targets(document, truth, tmp_path)
+    assert not subject.good
+    assert (subject.stated, subject.off) == (true.stated, true.off)
