@@ -20,6 +20,7 @@ Checker = Callable[[Array, Array], None]
 
 _OTHER_BRANCHES = 3
 _OTHER_RAD = 0.5  # joints that differ by more are on another branch
+_ALIKE = 6  # decimals of rad: turns that differ by less are as far
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,9 +201,10 @@ class _Tour:
 
 
 def _from_nearest(ring: list[int], views: RigidTransform, now: RigidTransform) -> list[int]:
-    """The ring turned so that it begins with the view closest to the present one."""
+    """The ring turned so that it begins with the view closest to the present one; of those that are as close,
+    as before a target that is faced squarely, the first one, and not the one that rounding prefers."""
     if not ring:
         return []
     apart = (views.inv() * now).rotation.magnitude()
-    first = min(range(len(ring)), key=lambda i: float(apart[ring[i]]))
+    first = int(np.argmin(np.round(apart[ring], _ALIKE)))
     return ring[first:] + ring[:first]

@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.kinematics import UrArmModel
 from calibration.planning import (
@@ -19,6 +19,7 @@ from calibration.planning import (
     plan_cone,
     search_moves,
 )
+from calibration.planning.planner import _from_nearest
 from cell.devices import Intrinsics
 from cell.errors import CellError, error
 from cell.guard import GuardLimits, MotionGuard, Tool
@@ -251,3 +252,14 @@ def test_too_few_free_search_moves_are_refused_with_the_reason() -> None:
     assert caught.value.name == "PLAN_INFEASIBLE"
     assert "0 of six" in str(caught.value)
     assert "'cage'" in str(caught.value)
+
+
+def test_of_views_that_are_as_close_the_first_begins_whatever_rounding_says() -> None:
+    """Before a target that is faced squarely all views of the first lap are turned away as far."""
+    axes = [[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)]
+    views = RigidTransform.from_rotation(Rotation.from_rotvec(0.4 * np.array(axes)))
+    for off in (0.0, 1e-15, -1e-15, 1e-9, -1e-9):
+        now = RigidTransform.from_rotation(Rotation.from_rotvec([off, off, 0.0]))
+        assert _from_nearest([2, 3, 4, 5, 6, 7, 0, 1], views, now)[0] == 2
+    aside = RigidTransform.from_rotation(Rotation.from_rotvec(0.05 * np.array(axes[5])))
+    assert _from_nearest(list(range(8)), views, aside) == [5, 6, 7, 0, 1, 2, 3, 4]

@@ -205,6 +205,14 @@ async def test_what_happens_in_a_run_while_the_broker_is_dead_is_told_once_it_is
     tmp_path: Path, broker: Broker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daemon.mqtt.publisher._AGAIN_S", (0.2,))
+    may_connect, connect = asyncio.Event(), Publisher._client
+    may_connect.set()
+
+    async def client(self: Publisher) -> aiomqtt.Client:
+        await may_connect.wait()
+        return await connect(self)
+
+    monkeypatch.setattr(Publisher, "_client", client)
     engine = Engine()
     engine.active = True  # a job runs: it has the disk, and no run is looked for
     online = await listening(broker.port, "plant/hall-2/bay 3/online", bool)
@@ -216,8 +224,11 @@ async def test_what_happens_in_a_run_while_the_broker_is_dead_is_told_once_it_is
         engine.changed(None)
     await asyncio.to_thread(add_run, tmp_path, 1)
     await asyncio.sleep(0.5)
+    may_connect.clear()  # the broker keeps no alarm for who listens later: somebody has to before
+    await asyncio.sleep(0.5)  # an attempt that was under way has failed
     await asyncio.to_thread(broker.start)
     told = await listening(broker.port, "plant/hall-2/bay 3/+", lambda found: len(kinds(found, "run")) == 1)
+    may_connect.set()
     engine.active = False
     engine.changed(None)
     found = await told
