@@ -40,6 +40,11 @@ class Setup:
         """The configured job whose section is of this model, None without one."""
         return next((job for job in self.jobs if isinstance(job, section)), None)
 
+    def observed_ranges(self) -> Sequence[Sequence[float]] | None:
+        """[low, high] of each joint (rad) of the observed arm, as the job has them that samples it."""
+        jobs = (job for job in self.jobs if getattr(job, "arm", None) == "observed_arm")
+        return next((found for job in jobs if (found := getattr(job, "joint_ranges_rad", None))), None)
+
     def without_depth(self, role: str) -> bool:
         """Whether the camera of this role is configured to be one without depth."""
         return getattr(self.devices.get(self.roles.get(role, "")), "depth", True) is False

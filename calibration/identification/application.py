@@ -21,6 +21,7 @@ TOLERANCE = 1e-9  # m and rad
 _STEPS = 60
 _LARGEST = 0.4  # rad at the links, or m, in one step
 _STARTS = (6, 24, 60)  # of the closest known poses: that many are tried before more are
+_INSIDE = (12, 48)  # starts within the ranges: these first, all where none of them leads inside
 _TURN = 2.0 * np.pi
 
 
@@ -85,6 +86,40 @@ def reach(chain: SerialChain, goals: Array, q_near: Array | None, known: Array, 
     return Reached(q, miss)
 
 
+def reach_inside(chain: SerialChain, goals: Array, near: Array, ranges: Array, level: bool) -> Reached:
+    """Joints for the poses ``goals`` (k, 4, 4) that are within ``ranges`` (j, 2), closest to ``near`` (j,).
+
+    Where no joints inside were found, those that are least far outside; :func:`beyond` tells by how much.
+    """
+    spread = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (_INSIDE[-1] - 1, chain.joints))
+    starts = np.vstack([near, spread])
+    q, miss = np.full((len(goals), chain.joints), np.nan), np.full(len(goals), np.inf)
+    for count in _INSIDE:
+        # NaN is inside of nothing
+        open_ = np.flatnonzero(~np.all(beyond(q, ranges) == 0.0, axis=1))
+        if not len(open_):
+            break
+        tried, off = _descend(
+            chain, np.repeat(goals[open_], count, axis=0), np.tile(starts[:count], (len(open_), 1)), level
+        )
+        tried = _turned_inside(chain, tried, near, ranges).reshape(len(open_), count, -1)
+        off = off.reshape(len(open_), count)
+        outside = np.max(np.abs(beyond(tried, ranges)), axis=2)
+        away = np.linalg.norm(tried - near, axis=2)
+        reached = off < TOLERANCE
+        order = np.lexsort((np.where(reached, away, off), np.where(reached, outside, 0.0), ~reached))[:, 0]
+        rows = np.arange(len(open_))
+        q[open_], miss[open_] = tried[rows, order], off[rows, order]
+    q[miss >= TOLERANCE * 1e3] = np.nan
+    return Reached(q, miss)
+
+
+def beyond(q: Array, ranges: Array) -> Array:
+    """How far joints ``q`` (..., j) are above (positive) or below ``ranges`` (j, 2); 0 inside."""
+    out: Array = q - np.clip(q, ranges[:, 0], ranges[:, 1])
+    return out
+
+
 def _best_of(chain: SerialChain, goal: Array, starts: Array, near: Array, level: bool) -> tuple[Array, float]:
     """The joints closest to ``near`` of those that ``starts`` (m, j) lead to, and how far they miss."""
     tried, off = _descend(chain, np.repeat(goal[None], len(starts), axis=0), starts, level)
@@ -104,11 +139,27 @@ def _closest(at: Array, goal: Array, level: bool) -> NDArray[np.int64]:
 
 def _same_turn(chain: SerialChain, q: Array, near: Array) -> Array:
     """``q`` (m, j) closest to ``near`` by full turns of the joints that drive one link directly."""
+    direct, turn = _turns(chain)
+    return np.where(direct, q - np.where(direct, turn, 0.0) * np.round((q - near) / turn), q)
+
+
+def _turned_inside(chain: SerialChain, q: Array, near: Array, ranges: Array) -> Array:
+    """``q`` (m, j) by full turns of such joints within ``ranges`` (j, 2) where that can be had, and of those
+    closest to ``near``."""
+    direct, turn = _turns(chain)
+    lowest, highest = np.ceil((ranges[:, 0] - q) / turn), np.floor((ranges[:, 1] - q) / turn)
+    wanted = np.round((near - q) / turn)
+    middle = np.round((ranges.mean(axis=1) - q) / turn)  # the least outside where no turn leads inside
+    turns = np.where(lowest <= highest, np.clip(wanted, lowest, highest), middle)
+    return np.where(direct, q + np.where(direct, turn, 0.0) * np.where(direct, turns, 0.0), q)
+
+
+def _turns(chain: SerialChain) -> tuple[NDArray[np.bool_], Array]:
+    """(j,): the joints that drive one link directly, and how far each goes for a turn of it, rad."""
     gear = np.sum(np.abs(chain.coupling), axis=0)
     drives = np.abs(chain.coupling).argmax(axis=0)
     direct = (np.count_nonzero(chain.coupling, axis=0) == 1) & ~chain.sliding[drives]
-    turn = np.where(direct, _TURN / np.maximum(gear, 1e-12), np.inf)
-    return np.where(direct, q - np.where(direct, turn, 0.0) * np.round((q - near) / turn), q)
+    return direct, np.where(direct, _TURN / np.maximum(gear, 1e-12), np.inf)
 
 
 def _descend(chain: SerialChain, goals: Array, start: Array, level: bool) -> tuple[Array, Array]:

@@ -8,12 +8,24 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from cell.formats.bounds import SAMPLES, Joints, Length, LengthOrAngle, Payload, Point, Pose, Stamp, Whole
+from cell.formats.bounds import (
+    SAMPLES,
+    Angle,
+    Joints,
+    Length,
+    LengthOrAngle,
+    Payload,
+    Point,
+    Pose,
+    Stamp,
+    Whole,
+)
 from cell.formats.kincal import TrackerNoiseTable
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.corrected-targets/1"
 How = Literal["given", "corrected"]
+LowHigh = Annotated[list[Angle], Field(min_length=2, max_length=2)]
 
 
 class PlannedTarget(Strict):
@@ -39,13 +51,15 @@ class Arrival(Strict):
 
 
 class CorrectedTargets(Strict):
-    """The whole data set. ``reflector`` null: no tracker looked. ``predicted_95`` (m) of the calibration."""
+    """The whole data set. ``reflector`` null: no tracker looked. ``predicted_95`` (m) of the calibration,
+    which sampled each joint from the lowest to the highest of ``joints_sampled_rad``; null: not known."""
 
     schema_: Annotated[str, Field(alias="schema")]
     arm: str
     robot: dict[str, Any]
     kinematics_version: Whole | None = None
     predicted_95: Length | None = None
+    joints_sampled_rad: Annotated[list[LowHigh], Field(max_length=SAMPLES)] | None = None
     payload_kg: Payload | None = None
     reflector: str | None = None
     T_base_tracker: Pose | None = None

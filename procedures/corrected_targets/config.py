@@ -23,7 +23,7 @@ class CorrectedTargetsConfig(Looking):
         default=None,
         min_length=1,
         max_length=12,
-        description="joints (rad) whose branch of the arm is used; else where the arm stands at the start",
+        description="joints (rad) whose branch of the arm is used; else the middle of what was sampled",
     )
     as_given: bool = Field(
         default=True,

@@ -12,6 +12,7 @@ from cell.errors import error
 from cell.formats.corrected_targets import Arrival, CorrectedTargets
 from cell.formats.result import Warning_
 from cell.poses import Array, from_pose6
+from procedures.corrected_targets.joint_ranges import OUTSIDE, is_outside, outside_text
 from procedures.corrected_targets.plan import place_of
 from procedures.corrected_targets.record import read_data_set
 from procedures.corrected_targets.result import (
@@ -55,7 +56,9 @@ def solve_targets(path: Path, max_error_m: float | None) -> TargetsResult:
     ]
     after = [t.after for t in targets if t.after is not None]
     before = [t.before for t in targets if t.before is not None]
-    largest = max((r.error_95_m for r in after if r.error_95_m is not None), default=None)
+    stated = [r.error_95_m for r in after if r.error_95_m is not None]
+    largest = max(stated) if len(stated) == len(after) else None
+    outside = _outside(data)
     answer = TargetsAnswer(
         targets=targets,
         before=_together(before) if before else None,
@@ -71,7 +74,7 @@ def solve_targets(path: Path, max_error_m: float | None) -> TargetsResult:
         uncertainty=TargetsUncertainty(
             error_95_m=largest,
             predicted_95_m=data.predicted_95,
-            meaning=_meaning(data),
+            meaning=_meaning(data) + (f". predicted_95_m: {outside}" if outside else ""),
         ),
         observability=TargetsObservability(
             undetermined=[_MODEL_ALONE if data.reflector is None else _PLACES_ALONE]
@@ -79,6 +82,8 @@ def solve_targets(path: Path, max_error_m: float | None) -> TargetsResult:
         inputs=TargetsInputs(targets=len(data.targets), arrivals=len(data.arrivals)),
     )
     warnings = _warnings(data, answer, max_error_m)
+    if outside:
+        warnings.append((OUTSIDE, outside))
     judged = found.judged(_beyond(targets, max_error_m), Warning_.each(warnings))
     return judged.changed(reasons=[*judged.reasons, *(text for _, text in warnings)])
 
@@ -93,7 +98,8 @@ def _reached(data: CorrectedTargets, arrival: Arrival) -> Reached:
     wanted = from_pose6(target.T_base_flange).apply(point)
     T = chain_of(data.robot).flange(q[None])[0]
     by_joints = T[:3, :3] @ point + T[:3, 3] - wanted
-    off, bound = by_joints, data.predicted_95
+    # Extrapolation is as uncertain as nobody has stated.
+    off, bound = by_joints, None if is_outside(q, _sampled(data)) else data.predicted_95
     if arrival.p_tracker is not None and data.T_base_tracker is not None and data.noise is not None:
         p = np.array(arrival.p_tracker)
         off = from_pose6(data.T_base_tracker).apply(p) - wanted
@@ -107,6 +113,16 @@ def _reached(data: CorrectedTargets, arrival: Arrival) -> Reached:
         error_95_m=bound,
         by_joints_m=float(np.linalg.norm(by_joints)),
     )
+
+
+def _sampled(data: CorrectedTargets) -> Array | None:
+    return None if data.joints_sampled_rad is None else np.array(data.joints_sampled_rad)
+
+
+def _outside(data: CorrectedTargets) -> str | None:
+    """Which corrected arrivals rested where the calibration has not sampled."""
+    rows = [a for a in data.arrivals if a.how == "corrected"]
+    return outside_text(np.array([a.q for a in rows]), [a.target + 1 for a in rows], _sampled(data))
 
 
 def _together(found: Sequence[Reached]) -> Together:

@@ -6,7 +6,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.identification.application import chain_of, goals_from_yaw, reach, yaw_of
+from calibration.identification.application import (
+    Reached,
+    chain_of,
+    goals_from_yaw,
+    reach,
+    reach_inside,
+    yaw_of,
+)
 from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import arm_spec
 from cell.errors import error
@@ -15,6 +22,7 @@ from cell.formats.robot import parse_robot
 from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.corrected_targets.config import CorrectedTargetsConfig
+from procedures.corrected_targets.joint_ranges import JointRanges
 from procedures.kinematics_in_use import other_arm, other_device, other_load
 
 _LOAD = "[job.corrected-targets] payload_kg"
@@ -63,20 +71,22 @@ def place_of(robot: Mapping[str, Any], reflector: str | None) -> Array:
 
 
 def plan_targets(values: RunValues, raw: Mapping[str, Any], q_now: list[float]) -> list[PlannedTarget]:
-    """Joints of every target; ``TARGETS_UNREACHABLE`` names one that a model of the arm cannot reach.
+    """Joints of every target; ``TARGETS_UNREACHABLE`` names one that a model of the arm cannot reach within
+    the joint ranges with which it was sampled.
 
-    As given are the joints that the controller's own model has for it, corrected those of the calibrated arm
-    next to them.
+    As given are the joints that the controller's own model has for it, closest to ``q_near``, else to the
+    middle of what was sampled; corrected those of the calibrated arm next to them. ``q_now`` stands in where
+    the kinematics do not say what was sampled.
     """
     config = CorrectedTargetsConfig.model_validate(raw)
     found = calibrated_of(values, config)
     controller, calibrated = chain_of(values.observed_robot or {}), chain_of(found["robot"])
-    near = np.array(q_now if config.q_near is None else config.q_near, dtype=float)
+    ranges = JointRanges.of(found)
+    near = _hint(config, ranges, q_now)
     goals, level = wanted(config, controller.joints)
-    if near.shape != (controller.joints,):
-        raise error("ARGUMENT_INVALID", f"q_near has {near.size} joints; the arm has {controller.joints}")
-    given = joints_of(controller, goals, np.tile(near, (len(goals), 1)), "the controller's own model")
+    given = branch_of(controller, goals, near, ranges)
     corrected = joints_of(calibrated, goals, given, "the calibrated arm")
+    ranges.require_inside(corrected, "the calibrated arm")
     told = controller.flange(corrected)
     commands = np.column_stack([told[:, :3, 3], yaw_of(told)]) if level else _poses(told)
     return [
@@ -103,16 +113,51 @@ def wanted(config: CorrectedTargetsConfig, joints: int) -> tuple[Array, bool]:
     return goals, level
 
 
+def needs_joints(values: RunValues, config: CorrectedTargetsConfig) -> bool:
+    """Whether the branch is that of where the arm stands, as nothing else tells it."""
+    return config.q_near is None and JointRanges.of(calibrated_of(values, config)).middle is None
+
+
+def _hint(config: CorrectedTargetsConfig, ranges: JointRanges, q_now: list[float]) -> Array:
+    if config.q_near is not None:
+        return np.array(config.q_near, dtype=float)
+    return np.array(q_now, dtype=float) if ranges.middle is None else ranges.middle
+
+
+def branch_of(chain: SerialChain, goals: Array, near: Array, ranges: JointRanges) -> Array:
+    """(k, j): joints of the controller's own model for poses (k, 4, 4): the closest to ``near`` (j,) of those
+    within ``ranges``."""
+    whose = "the controller's own model"
+    if near.shape != (chain.joints,):
+        raise error("ARGUMENT_INVALID", f"q_near has {near.size} joints; the arm has {chain.joints}")
+    if ranges.allowed is None:
+        return joints_of(chain, goals, np.tile(near, (len(goals), 1)), whose)
+    if ranges.allowed.shape != (chain.joints, 2):
+        raise error(
+            "ARGUMENT_INVALID",
+            f"joint_ranges_rad of the sampling has {len(ranges.allowed)} entries; the arm has {chain.joints} "
+            "joints",
+        )
+    found = reach_inside(chain, goals, near, ranges.allowed, level=chain.joints == LEVEL_JOINTS)
+    _require_reached(found, whose)
+    ranges.require_inside(found.q, whose)
+    return found.q
+
+
 def joints_of(chain: SerialChain, goals: Array, near: Array, whose: str) -> Array:
     """(k, j): joints of ``chain`` for poses (k, 4, 4), each in the branch of ``near`` (k, j)."""
     found = reach(chain, goals, near, near, level=chain.joints == LEVEL_JOINTS)
+    _require_reached(found, whose)
+    return found.q
+
+
+def _require_reached(found: Reached, whose: str) -> None:
     for k in np.flatnonzero(~found.found):
         raise error(
             "TARGETS_UNREACHABLE",
             f"target {k + 1}: {whose} does not reach it; the best attempt stays {1e3 * found.miss[k]:.1f} mm "
             "(or mrad) off",
         )
-    return found.q
 
 
 def _poses(T: Array) -> Array:

@@ -10,6 +10,7 @@ from cell.formats.result import Envelope
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from procedures.corrected_targets.config import CorrectedTargetsConfig
+from procedures.corrected_targets.joint_ranges import JointRanges, outside_text
 from procedures.corrected_targets.judging import solve_targets
 from procedures.corrected_targets.plan import calibrated_of
 from procedures.corrected_targets.session import TargetsRun
@@ -46,11 +47,13 @@ class HandTargets(Procedure):
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every target with what to command for it; nothing is asked of the arm."""
         planned = await TargetsRun(self.config, run).plan()
+        ranges = JointRanges.of(calibrated_of(run.values, self.config))
         listed = [
             {"number": k, **t.model_dump(), "shift_m": _shift(t.T_base_flange, t.command)}
             for k, t in enumerate(planned, 1)
         ]
-        return {"targets": listed}
+        Q, numbers = np.array([t.corrected for t in planned]), list(range(1, len(planned) + 1))
+        return {"targets": listed, "outside_sampled": outside_text(Q, numbers, ranges.sampled)}
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:

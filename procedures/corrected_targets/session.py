@@ -14,7 +14,13 @@ from cell.poses import Array
 from cell.procedure import FinishRequested, Run
 from procedures.asked_arm import AskedArm
 from procedures.corrected_targets.config import CorrectedTargetsConfig
-from procedures.corrected_targets.plan import calibrated_of, place_of, plan_targets, require_same_devices
+from procedures.corrected_targets.plan import (
+    calibrated_of,
+    needs_joints,
+    place_of,
+    plan_targets,
+    require_same_devices,
+)
 from procedures.corrected_targets.record import TargetRecord
 from procedures.corrected_targets.states import State as S
 from procedures.corrected_targets.words import command_text
@@ -45,7 +51,7 @@ class TargetsRun:
     async def plan(self) -> list[PlannedTarget]:
         """The targets as they would be asked for now; nothing is asked."""
         config = self.config
-        q_now = [] if config.q_near is not None else [float(v) for v in self.arm.now()]
+        q_now = [float(v) for v in self.arm.now()] if needs_joints(self.run.values, config) else []
         return await self.run.worker.call(plan_targets, self.run.values, config.model_dump(), q_now)
 
     async def take_all(self) -> None:
@@ -163,6 +169,7 @@ class TargetsRun:
             "robot": found["robot"],
             "kinematics_version": self.run.values.versions.get(kinematics(self.arm.name)),
             "predicted_95": found.get("predicted_95"),
+            "joints_sampled_rad": found.get("joints_sampled_rad"),
             "payload_kg": found.get("payload_kg"),
             "reflector": config.reflector,
             "T_base_tracker": None if tracker is None else found["T_base_tracker"],

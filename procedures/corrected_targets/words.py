@@ -55,7 +55,9 @@ def targets_plan_lines(plan: Mapping[str, Any]) -> list[str]:
         (str(t["number"]), command_text(t["command"]), ", ".join(f"{degrees(v):.3f}" for v in t["corrected"]))
         for t in plan["targets"]
     ]
+    outside = plan.get("outside_sampled")
     return [
         table(("target", "command", "joints (deg)"), rows),
         f"the calibrated arm moves the targets by up to {mm(max(t['shift_m'] for t in plan['targets']))}",
+        *([outside] if outside else []),
     ]

@@ -1,6 +1,6 @@
 """The result of a kinematic calibration, field by field."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -18,6 +18,7 @@ from cell.formats.result import (
     Radians,
     Rejected,
     Seconds,
+    Unit,
     Vector,
 )
 
@@ -306,6 +307,12 @@ class Sampling(Part):
     tracker: str | None = Field(default=None, description="Device.")
     serials: dict[str, str | None] | None = Field(default=None, description="Of both.")
     role: str | None = Field(default=None, description="Role of the arm.")
+    joint_ranges_rad: Annotated[list[list[float]], Unit("rad")] | None = Field(
+        default=None, description="Lowest and highest of each joint, as configured; null without it."
+    )
+    joints_sampled_rad: Annotated[list[list[float]], Unit("rad")] | None = Field(
+        default=None, description="Lowest and highest of each joint at the poses that are solved."
+    )
     wanted: int = Field(description="Poses that were planned.")
     measured: int = Field(description="Poses that were measured.")
     set_aside: int = Field(description="Poses that were kept from the solver.")

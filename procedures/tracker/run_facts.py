@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.monuments import drift_summary, first_seen
 from procedures.tracker.plan import Visit
@@ -25,6 +27,8 @@ def facts(
     return {
         **devices,
         "role": config.arm,
+        "joint_ranges_rad": config.joint_ranges_rad,
+        "joints_sampled_rad": _sampled(record, stored),
         "wanted": config.poses,
         "measured": len(record.samples),
         "set_aside": sum(bool(s["held_out"]) for s in record.samples),
@@ -42,3 +46,10 @@ def facts(
         "monument_points": first_seen(record.looks),
         "monuments": drift_summary(record.looks, config.max_drift_m, len(record.samples)),
     }
+
+
+def _sampled(record: SampleRecord, stored: StoredSet | None) -> list[list[float]] | None:
+    """[lowest, highest] of each joint (rad) at the poses that are solved; None without any."""
+    solved = [s["q"] for s in record.samples if not s["held_out"]]
+    solved += [s["q"] for s in stored.samples] if stored else []
+    return np.column_stack([np.min(solved, axis=0), np.max(solved, axis=0)]).tolist() if solved else None

@@ -57,6 +57,8 @@ def true_kinematics() -> dict[str, Any]:
         "T_base_tracker": list(TRUTH.tracker.T_base_tracker),
         "payload_kg": 60.0,
         "predicted_95": 0.0001,
+        "joint_ranges_rad": [list(ends) for ends in TRUTH.observed.limits],
+        "joints_sampled_rad": [list(ends) for ends in TRUTH.observed.limits],
     }
 
 
@@ -174,13 +176,15 @@ def test_a_target_that_the_arm_refuses_is_left_out_and_a_broken_beam_is_found_ag
         beyond = [-1.7, 0.2, 0.6, 0.0]  # behind the arm, where its own program does not go
         job = {"targets": [beyond, TARGETS[0]], "as_given": False, "request_timeout_s": 8.0}
         async with open_cell(targets_config(tmp_path, job), job=JOB) as cell:
-            commit(cell, true_kinematics())
+            unknown = ("joint_ranges_rad", "joints_sampled_rad")  # of kinematics from before they were kept
+            commit(cell, {k: v for k, v in true_kinematics().items() if k not in unknown})
             tracker = cell.plant.plants["tracker"]
             cell.at_state("measure", lambda: tracker.inject("beam-break", {"duration_s": 2.7}), 0.05)
             end = await cell.run_job()
             assert (end["outcome"], end["verdict"]) == ("complete", "warn"), end
             assert "shows no number, not 1" in cell.notes(1, "target lost")[0]["why"]
             assert "reacquire" in [line.get("state") for line in cell.journal(1)]
+            assert "targets.outside-sampled" in [w["code"] for w in cell.result(1)["warnings"]]
             found = cell.result(1)["result"]
             assert [t["after"] is None for t in found["targets"]] == [True, False]
             assert found["after"]["max_m"] < 0.0001
