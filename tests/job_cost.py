@@ -62,4 +62,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("give the folder that the copy of the tree goes to: python tests/job_cost.py FOLDER")
     main(Path(sys.argv[1]))

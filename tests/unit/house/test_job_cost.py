@@ -102,3 +102,13 @@ def test_it_is_listed_checked_run_and_shown_and_its_registers_work(
         "run id: 1",
     ):
         assert said in subject.stdout, (said, subject.stdout)
+
+
+def test_without_a_folder_it_says_what_to_give() -> None:
+    subject = subprocess.run(
+        [sys.executable, TREE / "tests" / "job_cost.py"], capture_output=True, text=True, cwd=TREE
+    )
+    assert subject.returncode == 1
+    assert subject.stderr == (
+        "give the folder that the copy of the tree goes to: python tests/job_cost.py FOLDER\n"
+    )
