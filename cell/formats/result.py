@@ -119,7 +119,8 @@ class Inputs(Part):
 
     solve_seconds: Seconds | None = Field(default=None, description="Wall time of the solver alone.")
     arm_model: ModelInUse | None = Field(
-        default=None, description="Model of the arm that the run worked with."
+        default=None,
+        description="Model of the arm that the run worked with, or of `solve --kinematics`.",
     )
     steps_taken_again: list[StepTakenAgain] | None = Field(
         default=None, description="Steps that short silences of devices interrupted."

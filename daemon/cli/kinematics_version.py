@@ -6,13 +6,15 @@ from typing import Any
 
 from cell.calibrations import kinematics
 from cell.errors import error
+from cell.formats.result import ModelInUse
 from daemon.cli.options import cell_paths
 
 _MOST = 100_000  # results of one name
 
 
-def robot_of_version(version: int, config: Path | None) -> dict[str, Any]:
-    """The ROBOT of a version of the arm's kinematics; ``NOT_FOUND`` names the versions that there are."""
+def robot_of_version(version: int, config: Path | None) -> tuple[dict[str, Any], ModelInUse]:
+    """The ROBOT of a version of the arm's kinematics, and its name and version; ``NOT_FOUND`` names the
+    versions that there are."""
     from cell.store.ledger import Ledger
     from daemon.config import load_config
 
@@ -34,4 +36,4 @@ def robot_of_version(version: int, config: Path | None) -> dict[str, Any]:
     robot = value.get("robot") if isinstance(value, Mapping) else None
     if not isinstance(robot, Mapping):
         raise error("DATA_INVALID", f"version {version} of {name} holds no ROBOT")
-    return dict(robot)
+    return dict(robot), ModelInUse(name=name, version=version)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
-from cell.formats.result import Envelope
+from cell.formats.result import Envelope, ModelInUse
 from daemon.cli.failures import FAILED
 from daemon.cli.options import ConfigOption, JsonOption
 from daemon.cli.output import out, out_json, say
@@ -59,8 +59,11 @@ def solve(
         if written is not None and not written.absolute().parent.is_dir():
             folder = written.absolute().parent
             raise error("ARGUMENT_INVALID", f"{written}: the folder {folder} does not exist")
-    arm = robot if kinematics is None else _of_version(kinematics, kind, robot, config)
-    result = solve_data(kind, path, method, predict=predict, targets=targets, robot=arm)
+    arm: Path | Mapping[str, Any] | None = robot
+    model = None
+    if kinematics is not None:
+        arm, model = _of_version(kinematics, kind, robot, config)
+    result = solve_data(kind, path, method, model, predict=predict, targets=targets, robot=arm)
     if output is not None:
         _write(output, result)
     if report is not None:
@@ -78,7 +81,9 @@ def solve(
         raise typer.Exit(FAILED)
 
 
-def _of_version(version: int, kind: str, robot: Path | None, config: Path | None) -> dict[str, Any]:
+def _of_version(
+    version: int, kind: str, robot: Path | None, config: Path | None
+) -> tuple[dict[str, Any], ModelInUse]:
     if kind != "hand-eye":
         raise error("ARGUMENT_INVALID", f"--kinematics is for hand-eye, not for {kind}; leave it out")
     if robot is not None:
@@ -89,9 +94,13 @@ def _of_version(version: int, kind: str, robot: Path | None, config: Path | None
 
 
 def solve_data(
-    kind: str, path: Path, method: str | None, **asked: Path | Mapping[str, Any] | None
+    kind: str,
+    path: Path,
+    method: str | None,
+    arm_model: ModelInUse | None = None,
+    **asked: Path | Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """The result document of one data set, with a progress bar on a terminal.
+    """The result document of one data set, with a progress bar on a terminal; it names ``arm_model``.
 
     ``asked`` are files by option name, an arm also as its ROBOT; a kind that has no use for one that is
     given refuses it.
@@ -109,6 +118,8 @@ def solve_data(
     solver = load(KINDS[kind].solve)
     with ProgressBar() as bar:
         found: Envelope = solver(path, method=method, progress=bar.show, **files)
+    if arm_model is not None:
+        found = found.with_inputs(arm_model=arm_model)
     return found.signed().as_json()
 
 

@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
+from cell.run_values import CONTROLLER
 from procedures.documents import kind_of, read_result
 from procedures.kind import load
+from procedures.kinematics_in_use import in_words
 
 
 def result_text(result: Mapping[str, Any], where: str = "the result") -> str:
@@ -19,6 +21,8 @@ def result_text(result: Mapping[str, Any], where: str = "the result") -> str:
     else:
         lines += load(kind.words)(read_result(result, where))
     lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
+    if (model := (result.get("inputs") or {}).get("arm_model")) and model["name"] != CONTROLLER["name"]:
+        lines.append(f"  arm by {in_words(model)}")
     if again := (result.get("inputs") or {}).get("steps_taken_again"):
         lines.append(f"  steps taken again after a short silence of a device: {len(again)}")
         lines += [f"    {entry['step']}: {entry['why']}, {entry['lost_s']:.1f} s lost" for entry in again]

@@ -52,6 +52,15 @@ def test_a_version_is_the_arm_that_it_holds_whether_it_is_in_effect_or_not(
     assert np.linalg.norm(np.subtract(first, second)) > 1e-5
 
 
+def test_the_result_names_the_version(subject: CommandLine, tmp_path: Path) -> None:
+    kept = tmp_path / "result.json"
+    words = ("solve", "hand-eye", tmp_path, "--method", "ml", "--output", kept)
+    assert "kinematics.arm version 2" in subject(*words, "--kinematics", 2).out
+    assert json.loads(kept.read_text())["inputs"]["arm_model"] == {"name": "kinematics.arm", "version": 2}
+    assert "kinematics.arm" not in subject(*words).out
+    assert "arm_model" not in json.loads(kept.read_text())["inputs"]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
