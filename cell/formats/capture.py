@@ -32,6 +32,7 @@ from cell.formats.reading import Strict
 SCHEMA = "cellward.capture/1"
 QUERY_SCHEMA = "cellward.capture-query/1"
 _SHORTEST_FOCAL_PX = 1.0
+SMALLEST_CHESSBOARD = 3
 Share = Annotated[float, Field(gt=0, le=0.5)]
 _DIST_LENGTHS = (0, 4, 5, 8, 12, 14)
 
@@ -112,9 +113,20 @@ class Chessboard(Printed):
     """A chessboard, counted in inner corners."""
 
     type: Literal["chessboard"] = Field(description="kind of target")
-    columns: int = Field(ge=3, le=200, description="inner corners along x")
-    rows: int = Field(ge=3, le=200, description="inner corners along y")
+    columns: int = Field(ge=SMALLEST_CHESSBOARD, le=200, description="inner corners along x")
+    rows: int = Field(ge=SMALLEST_CHESSBOARD, le=200, description="inner corners along y")
     square_m: Size = Field(description="side of a square, as measured")
+
+    @field_validator("columns", "rows", mode="before")
+    @classmethod
+    def _opencv_finds_it(cls, corners: object) -> object:
+        if isinstance(corners, int) and corners < SMALLEST_CHESSBOARD:
+            raise ValueError(
+                f"is {corners}, and a chessboard needs {SMALLEST_CHESSBOARD} inner corners or more in either "
+                "direction: OpenCV's search knows the grid by corners that have neighbours on both sides; "
+                "use a larger board, a ChArUco board or a circle grid"
+            )
+        return corners
 
 
 class CircleGrid(Printed):

@@ -277,7 +277,7 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
         ("square_m = 0.03", "square_m = 30", "21: target.board.square_m: 30 m is probably millimetres"),
         ('driver = "camera"\naddress = "usb"', 'driver = 3\naddress = "usb"', "11: device.camera.driver"),
         ('driver = "camera"', f'driver = "{__name__}:NoDriver"', "11: device.camera.driver: driver"),
-        ("columns = 9", "columns = 2", "19: target.board.columns: should be greater than or equal to 3"),
+        ("columns = 9", "columns = 2", "19: target.board.columns: is 2, and a chessboard needs 3 inner"),
         ('target = "board"', "", "22: job.cone-capture.target: is missing"),
         ("[target.board]", "[target]\nboard = 3\n[target.b]", "18: target.board: should be a ta"),
         ("[robot]", '[robot]\nmodel = "own.json"', "5: robot.model:"),
