@@ -57,7 +57,7 @@ class Setup:
             if role not in self.roles
         ]
 
-    def unseen(self, target: str, min_corners: int = 0) -> list[str]:
+    def unseen(self, target: str, min_corners: int | None = None) -> list[str]:
         """Why no picture will show enough of a target; nothing where one can."""
         spec = self.values.targets.get(target)
         if spec is None:
@@ -66,6 +66,6 @@ class Setup:
             return [
                 f"target '{target}' is of the type points, which no picture shows; use one that is printed"
             ]
-        if (points := len(make_target(spec).points)) < min_corners:
+        if min_corners is not None and (points := len(make_target(spec).points)) < min_corners:
             return [f"min_corners is {min_corners}, and the target '{target}' has {points} points; lower it"]
         return []

@@ -60,7 +60,12 @@ class EyeToHandCheckConfig(Strict):
     settle_s: float = Field(0.3, ge=0.0, le=10.0, description="wait at rest before the frames are taken")
     frames_per_pose: int = Field(5, ge=1, le=50, description="frames taken at each pose")
     retries_per_pose: int = Field(2, ge=0, le=10, description="further tries at a pose")
-    min_corners: int = Field(8, ge=4, le=1000, description="points of the target that a frame must show")
+    min_corners: int | None = Field(
+        None,
+        ge=4,
+        le=1000,
+        description="points of the target that a frame must show; else 8, or all of a target that has fewer",
+    )
     seek_timeout_s: float = Field(20.0, gt=0, le=600.0, description="longest wait until the target is seen")
     max_duration_s: float = Field(4 * 3600.0, gt=0, description="the run is ended when it takes longer, s")
     accept: CheckAcceptance = Field(

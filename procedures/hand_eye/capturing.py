@@ -17,7 +17,7 @@ from cell.procedure import Run
 from cell.run_values import RunValues
 from cell.standstill import measured_standstill
 from procedures.arm_setup import arm_robot
-from procedures.hand_eye.config import ConeCaptureConfig
+from procedures.hand_eye.config import ConeCaptureConfig, corners_needed
 from procedures.hand_eye.judging import BoardSeen, fault_of, moved_since, repeats, shows_board
 from procedures.hand_eye.placing import Placement, likeness, placement_text
 from procedures.hand_eye.plan import (
@@ -83,6 +83,7 @@ class CaptureRun:
         self.arm: Arm = run.arm()
         self.target = dict(run.values.targets[config.target])
         self.points = target_point_count(self.target)
+        self.min_corners = corners_needed(config.min_corners, self.points)
         self.record = CaptureRecord(run.folder)
         self.calibration: dict[str, Any] | None = run.values.calibration[config.setup]
         self._start_q: Array | None = None
@@ -263,9 +264,9 @@ class CaptureRun:
             states = self.arm.state.between(started, frames[-1].exposed_until)
             if repeats(self._seen_before, frames):
                 raise error("CAMERA_FAULT", f"{self.camera.name} repeats one picture while the arm moves")
-            why = fault_of(frames, states, config)
+            why = fault_of(frames, states, config, self.min_corners)
             if why is None:
-                usable = [f for f in frames if shows_board(f, config.min_corners)]
+                usable = [f for f in frames if shows_board(f, self.min_corners)]
                 entry = await asyncio.to_thread(
                     observation_entry, index, group, run.folder, usable, states, self.points
                 )
@@ -294,13 +295,13 @@ class CaptureRun:
             if sample is not None and sample.t > after:
                 frame, board = sample.value, sample.value.board
                 best = max(best, 0 if board is None else len(board.ids))
-                if board is not None and shows_board(frame, self.config.min_corners):
+                if board is not None and shows_board(frame, self.min_corners):
                     return BoardSeen(board, frame.intrinsics)
             await self.run.clock.sleep(0.02)
         raise error(
             "BOARD_NOT_SEEN",
             f"'{self.config.target}' for {self.config.seek_timeout_s:g} s; at best {best} corners of the "
-            f"{self.config.min_corners} that are needed",
+            f"{self.min_corners} that are needed",
         )
 
     async def plan(

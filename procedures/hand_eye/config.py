@@ -7,6 +7,8 @@ from pydantic import Field, model_validator
 from cell.formats.capture import CameraSigma
 from cell.formats.reading import Strict
 
+ENOUGH_CORNERS = 8  # of a board: twice what a pose needs, so that some may be hidden
+
 
 class Acceptance(Strict):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
@@ -54,6 +56,11 @@ class Acceptance(Strict):
         if self.task_pose is None and not (self.clearance_m is None and self.task_distance_m is None):
             raise ValueError("clearance_m and task_distance_m need task_pose, the place that they are for")
         return self
+
+
+def corners_needed(min_corners: int | None, points: int) -> int:
+    """How many of a target's ``points`` a frame must show."""
+    return min(ENOUGH_CORNERS, points) if min_corners is None else min_corners
 
 
 class ConeCaptureConfig(Strict):
@@ -110,7 +117,12 @@ class ConeCaptureConfig(Strict):
     retries_per_pose: int = Field(
         2, ge=0, le=10, description="further tries at a pose whose frames cannot be used"
     )
-    min_corners: int = Field(8, ge=4, le=1000, description="board corners a frame must show")
+    min_corners: int | None = Field(
+        None,
+        ge=4,
+        le=1000,
+        description="board corners a frame must show; else 8, or all of a target that has fewer",
+    )
     max_flange_motion_m: float = Field(
         0.0001, gt=0, le=0.01, description="largest motion of the flange while the frames are taken"
     )

@@ -25,10 +25,13 @@ def shows_board(frame: Frame, min_corners: int) -> bool:
 
 
 def fault_of(
-    frames: Sequence[Frame], states: Sequence[Sample[ArmState]], config: ConeCaptureConfig
+    frames: Sequence[Frame],
+    states: Sequence[Sample[ArmState]],
+    config: ConeCaptureConfig,
+    min_corners: int,
 ) -> str | None:
     """Why the frames of one pose cannot be used, or None. ``states`` are the arm's meanwhile."""
-    seen = [f for f in frames if shows_board(f, config.min_corners)]
+    seen = [f for f in frames if shows_board(f, min_corners)]
     if 2 * len(seen) <= len(frames):
         return f"the board shows in {len(seen)} of {len(frames)} frames"
     if not states:
