@@ -3,7 +3,7 @@
 A run adds ``frames`` and ``index`` to its observations, as in a capture.
 """
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -22,6 +22,7 @@ from cell.formats.capture import Camera, FrameEntry, GivenNoise, TargetTable
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.axbc/1"
+PlaceFrom = Literal["drawing", "hand-eye"]
 TARGETS_SCHEMA = "cellward.axbc-targets/1"
 
 
@@ -69,6 +70,7 @@ class AxbcSet(Strict):
     noise: GivenNoise | None = None
     T_marker_flange: Pose
     sigma_C: SigmaPose | None = None
+    C_from: PlaceFrom = "drawing"
     X_measured_T_camera_base: Pose
     sigma_X: SigmaPose | None = None
     limits: Limits | None = None

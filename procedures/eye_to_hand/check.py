@@ -130,6 +130,7 @@ class CheckCapture(CaptureRun):
             "marker": header["target"],
             "T_marker_flange": list(check.T_marker_flange),
             "sigma_C": {"t": check.place_sigma_t_m, "r": check.place_sigma_r_rad},
+            "C_from": check.place_from,
             "X_measured_T_camera_base": [float(v) for v in T_camera_base],
             "limits": {"t": check.accept.max_error_t_m, "r": check.accept.max_error_r_rad},
             "observations": [_observation(o) for o in self.record.observations],

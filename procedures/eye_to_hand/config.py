@@ -4,6 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from cell.formats.axbc import PlaceFrom
 from cell.formats.bounds import Pose
 from cell.formats.capture import CameraSigma
 from cell.formats.reading import Strict
@@ -43,6 +44,10 @@ class EyeToHandCheckConfig(Strict):
         1e-4, ge=0, le=0.1, description="how well that is known; its error is the same in all poses"
     )
     place_sigma_r_rad: float = Field(3e-4, ge=0, le=0.1, description="the same of its rotation")
+    place_from: PlaceFrom = Field(
+        "drawing",
+        description="where T_marker_flange comes from; hand-eye: from a capture, by `cellward place`",
+    )
     poses: int = Field(60, ge=10, le=60, description="how many, spread over what the camera sees")
     min_poses: int = Field(20, ge=10, le=60, description="fewer usable ones are no check")
     nearest_m: float = Field(0.4, gt=0.1, lt=5.0, description="camera to the target's centre, at least")

@@ -19,6 +19,12 @@ FILE_NAME = "axbc.json"
 SIGMA_C = SigmaPose(t=1e-4, r=3e-4)  # of a machined bracket and a marker glued to a stop
 SIGMA_X = SigmaPose(t=2e-4, r=3e-4)  # of a good hand-eye calibration
 
+NOT_JUDGED = {  # by where the target's place comes from
+    "drawing": "",
+    "hand-eye": ", taken over from a hand-eye capture: what is wrong alike in that capture and in the given "
+    "hand-eye (lens, print, arm) is not judged, only what has changed since",
+}
+
 
 @dataclass(frozen=True)
 class AxbcData:
@@ -40,7 +46,7 @@ def load_axbc(path: Path, progress: Progress | None = None) -> AxbcData:
     C = se3.matrices(from_pose6(document.T_marker_flange))
     X = se3.matrices(from_pose6(document.X_measured_T_camera_base))
     known = {
-        "C": _source("sigma_C", sigma_C, document.sigma_C is None),
+        "C": _source("sigma_C", sigma_C, document.sigma_C is None) + NOT_JUDGED[document.C_from],
         "X_measured": _source("sigma_X", sigma_X, document.sigma_X is None),
     }
     return AxbcData(
