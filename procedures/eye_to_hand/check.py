@@ -62,7 +62,13 @@ class EyeToHandCheck(Procedure):
         if self.config.propose == "camera":
             X = to_pose6(from_pose6(answer.T_camera_base).inv())
             return Proposal(HAND_EYE, [float(v) for v in X], auto)
-        if answer.correction.chosen != "model" or answer.robot is None:
+        correction = answer.correction
+        if correction.chosen != ("constant" if self.config.propose == "constant" else "model"):
+            return None
+        if self.config.propose == "constant":
+            constant = correction.T_base_camera
+            return None if constant is None else Proposal(HAND_EYE, constant, auto)
+        if answer.robot is None:
             return None
         device = run.cell.device("arm").name
         return Proposal(kinematics(device), kinematics_value(answer, run.values), auto)

@@ -53,10 +53,11 @@ class EyeToHandCheckConfig(Strict):
     nearest_m: float = Field(0.4, gt=0.1, lt=5.0, description="camera to the target's centre, at least")
     farthest_m: float = Field(0.8, gt=0.1, lt=5.0, description="camera to the target's centre, at most")
     tilt_rad: float = Field(0.6, gt=0.1, lt=0.9, description="of the target from facing the camera, at most")
-    propose: Literal["none", "camera", "kinematics"] = Field(
+    propose: Literal["none", "camera", "constant", "kinematics"] = Field(
         "none",
-        description="what a result offers: T_base_camera, or the arm's kinematics (use_kinematics), "
-        "where they correct targets better than anything simpler",
+        description="what a result offers: T_base_camera as it is, T_base_camera with the constant that "
+        "corrects targets, or the arm's kinematics (use_kinematics); the last two where they correct targets "
+        "better than anything simpler",
     )
     camera_sigma: CameraSigma | None = Field(
         None, description="how well the intrinsics are known; else the lens is taken as it is given"

@@ -70,6 +70,16 @@ class TargetCorrection(Part):
     cv_none: Metres = Field(description="RMS distance of the target from where the given hand-eye has it.")
     cv_constant: Metres = Field(description="The same with the constant correction.")
     cv_model: Metres | None = Field(default=None, description="The same through the arm's model.")
+    shift: Pose | None = Field(
+        default=None,
+        description="The constant as a motion of the base: `shift` times a `T_base_flange` as given is the "
+        "corrected one. Null in results that were made before it was told.",
+    )
+    T_base_camera: Pose | None = Field(
+        default=None,
+        description="The constant as a hand-eye: `shift` times the given one. For targets alone; the camera "
+        "itself is where `T_camera_base` of the result says.",
+    )
 
     def by_way(self) -> dict[str, float | None]:
         """The three figures by the name of the way."""

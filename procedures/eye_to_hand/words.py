@@ -30,6 +30,7 @@ def axbc_lines(found: AxbcResult) -> list[str]:
         f"  positioning through the given hand-eye: {mm(answer.positioning.t_rms)}, "
         f"{deg(answer.positioning.r_rms)} RMS over {len(answer.places)} poses",
         f"  {correction_text(answer)}",
+        *shift_lines(answer),
     ]
     lines += [f"  {part} known by {source}" for part, source in found.uncertainty.priors.items()]
     if answer.commands is not None:
@@ -66,6 +67,14 @@ def correction_text(answer: AxbcAnswer) -> str:
         else f"targets are corrected by {WAYS[cv.chosen]}"
     )
     return f"held-out error of the target: {told} RMS; {end}"
+
+
+def shift_lines(answer: AxbcAnswer) -> list[str]:
+    """The constant as numbers that a robot program can enter, where it is what corrects best."""
+    shift = answer.correction.shift
+    if answer.correction.chosen != "constant" or shift is None:
+        return []
+    return [f"  the constant, as a shift of the base frame that targets are commanded in: {pose_text(shift)}"]
 
 
 def _off(answer: AxbcAnswer) -> str:

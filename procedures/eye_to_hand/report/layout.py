@@ -10,7 +10,7 @@ from cell.poses import Array
 from procedures.eye_to_hand.report.cover import axbc_cover
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
-from procedures.eye_to_hand.words import BLAMED, WAYS
+from procedures.eye_to_hand.words import BLAMED, WAYS, shift_lines
 from procedures.report.figure import BEFORE, NOW, dressed, embed, figure, polyline
 from procedures.report.html import Html, el, facts, note, section, table
 from procedures.report.layout import Layout, Page
@@ -167,6 +167,7 @@ def correction_section(source: Source[AxbcResult]) -> Html | None:
             "Each fifth of the poses is predicted from the others. A way is only taken when it is surely "
             "better than a simpler one; the noise of a single image is in all of these figures."
         ),
+        *(note(line.strip()) for line in shift_lines(source.found.result)),
     )
 
 

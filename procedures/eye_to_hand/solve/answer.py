@@ -66,6 +66,11 @@ def place_of(data: AxbcData, found: Found) -> Array:
     return found.alone.W if found.place_doubted else data.place.T
 
 
+def constant_of(data: AxbcData, found: Found) -> Array:
+    """T_base_camera (4, 4) that corrects targets by one constant."""
+    return plain_mean(found.F, found.C, place_of(data, found))
+
+
 def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | None) -> AxbcAnswer:
     standard = found.standard
     T, cov = _base_in_camera(for_controller(standard))
@@ -92,9 +97,7 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
         suspicion=Suspicion(X=judged.X, C=judged.W, both=judged.both),
         positioning=positioning,
         places=places,
-        correction=TargetCorrection(
-            chosen=choice.chosen, **{f"cv_{way}": rms for way, rms in choice.cv.items()}
-        ),
+        correction=_correction(data, found, choice),
         robot=robot,
         adjusted=adjusted,
         scale={k: float(v) for k, v in found.alone.scale.items()},
@@ -103,6 +106,16 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
             Rejected(index=data.seen.indices[k], reason=reason)
             for k, reason in sorted(_left_out(data, found).items())
         ],
+    )
+
+
+def _correction(data: AxbcData, found: Found, choice: ChosenWay) -> TargetCorrection:
+    constant = constant_of(data, found)
+    return TargetCorrection(
+        chosen=choice.chosen,
+        **{f"cv_{way}": rms for way, rms in choice.cv.items()},
+        shift=pose6(constant @ se3.inverse(data.camera.T)),
+        T_base_camera=pose6(constant),
     )
 
 

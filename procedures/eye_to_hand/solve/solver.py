@@ -25,7 +25,6 @@ from calibration.adjustment.target_correction import (
     ChosenWay,
     Corrected,
     choose,
-    plain_mean,
 )
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.solution import Measurements, solve
@@ -40,7 +39,7 @@ from procedures.eye_to_hand.solve.answer import (
     Found,
     answer_of,
     arm_text,
-    place_of,
+    constant_of,
     residuals_of,
 )
 from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
@@ -102,10 +101,8 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
         warnings.append((_ARM_REJECTED, arm_text(found.alone)))
     if targets is not None:
         model = (found.standard, found.arm) if isinstance(found.arm, ArmKnown) else None
-        constant = plain_mean(found.F, found.C, place_of(data, found))
-        commands, more = answer_targets(
-            targets, TargetCorrections(data.camera.T, constant, model), choice.chosen
-        )
+        ways = TargetCorrections(data.camera.T, constant_of(data, found), model)
+        commands, more = answer_targets(targets, ways, choice.chosen)
         answer = answer.changed(commands=commands)
         warnings += more
     reasons: list[str] = []

@@ -108,6 +108,33 @@ def test_a_camera_that_was_moved_is_blamed_and_a_new_pose_is_offered(tmp_path: P
     run_virtual(main())
 
 
+def test_the_constant_that_corrects_targets_is_offered_as_the_hand_eye(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path, propose="constant"), job=CHECK) as cell:
+            give_hand_eye(cell, off_m=0.0008)
+            await cell.run_job()
+            correction = cell.result(1)["result"]["correction"]
+            assert correction["chosen"] == "constant"
+            (offered,) = cell.ledger.waiting_results()
+            assert offered["name"] == "T_base_camera"
+            true = from_pose6(cell.plant.world.truth()["T_base_camera"]).translation
+            off = np.linalg.norm(from_pose6(correction["T_base_camera"]).translation - true)
+            assert off < 2e-4
+
+    run_virtual(main())
+
+
+def test_no_constant_is_offered_where_none_is_better(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path, propose="constant"), job=CHECK) as cell:
+            give_hand_eye(cell)
+            await cell.run_job()
+            assert cell.result(1)["result"]["correction"]["chosen"] == "none"
+            assert cell.ledger.waiting_results() == []
+
+    run_virtual(main())
+
+
 def test_a_target_that_is_not_where_the_drawing_has_it_is_blamed(tmp_path: Path) -> None:
     async def main() -> None:
         async with open_cell(config(tmp_path, off_m=0.004), job=CHECK) as cell:

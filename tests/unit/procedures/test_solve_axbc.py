@@ -11,6 +11,8 @@ from calibration.hand_eye import se3
 from cell.errors import CellError
 from cell.poses import Array, from_pose6
 from procedures.documents import read_result
+from procedures.eye_to_hand.result import AxbcResult
+from procedures.eye_to_hand.words import axbc_lines
 from procedures.report.write import write_report
 from tests.kit.eye_to_hand_scene import SIGMA_C_R, SIGMA_C_T, EyeToHandScene, joints, make_scene, pose6
 from tests.kit.imperfect_cell import ARM
@@ -146,6 +148,29 @@ def test_without_joints_targets_are_corrected_by_a_constant_at_most(
     assert result["result"]["correction"]["chosen"] == "constant"
     assert "cv_model" not in result["result"]["correction"]
     assert [w["code"] for w in result["warnings"] if w["code"].startswith("arm")] == ["arm.accuracy"]
+
+
+def test_the_constant_is_told_as_a_shift_that_makes_the_corrected_commands(
+    tmp_path: Path, factory: EyeToHandScene
+) -> None:
+    data = factory.data_set(np.random.default_rng(9), X_off=(2e-3, 2e-3), with_joints=False)
+    wanted = se3.inverse(factory.X) @ factory.cell.true_flange(factory.Q[:4])
+    targets = tmp_path / "targets.json"
+    asked = {"schema": "cellward.axbc-targets/1", "targets": [pose6(T) for T in wanted]}
+    targets.write_text(json.dumps(asked), "utf-8")
+    document = solved(tmp_path, data, targets=targets)
+    found = document["result"]
+    given = se3.inverse(se3.matrices(from_pose6(data["X_measured_T_camera_base"])))
+    shift = se3.matrices(from_pose6(found["correction"]["shift"]))
+    commands = [se3.matrices(from_pose6(pose)) for pose in found["commands"]]
+    assert found["correction"]["chosen"] == "constant"
+    np.testing.assert_allclose(shift @ given @ wanted, commands, atol=1e-9)
+    constant = se3.matrices(from_pose6(found["correction"]["T_base_camera"]))
+    np.testing.assert_allclose(constant, shift @ given, atol=1e-9)
+    told = read_result(document)
+    assert isinstance(told, AxbcResult)
+    lines = axbc_lines(told)
+    assert any("as a shift of the base frame" in line for line in lines)
 
 
 def test_without_joints_the_arms_errors_are_in_the_uncertainty_and_blame_nothing(tmp_path: Path) -> None:
