@@ -42,7 +42,7 @@ from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.solution import excess_of as excess_over
-from calibration.hand_eye.views import CornerSet, undistort
+from calibration.hand_eye.views import CornerSet, ideal_corners
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -238,10 +238,10 @@ def numbered_alike(
     if len(motions) == 1:
         return list(views)
     out = []
-    for view, pose in zip(views, C, strict=True):
+    for view, pose, ideal in zip(views, C, ideal_corners(views, camera), strict=True):
         turned = view.points @ np.swapaxes(motions[:, :3, :3], 1, 2) + motions[:, None, :3, 3]
         p = turned @ pose[:3, :3].T + pose[:3, 3]
-        off = p[..., :2] / p[..., 2:] - undistort(view.corners, camera)
+        off = p[..., :2] / p[..., 2:] - ideal
         out.append(replace(view, points=turned[int(np.argmin(np.sum(off**2, axis=(1, 2))))]))
     return out
 

@@ -24,7 +24,7 @@ from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.spread import PlacementEstimates, placements, spread_across, spread_within
 from calibration.hand_eye.spread import Spread as ResolvedSpread
-from calibration.hand_eye.views import undistort
+from calibration.hand_eye.views import ideal_corners
 from cell.formats.result import Rejected, Warning_
 from cell.poses import Array, to_pose6
 from procedures.hand_eye.result import (
@@ -299,17 +299,20 @@ def _held_out(solved: Solved, lin: Linearised, P: Array) -> HandEyeHeldOut:
 def _through_arm(solved: Solved) -> Array:
     solution, camera = solved.judged, solved.camera.camera
     out = np.full(solution.problem.n, np.nan)
+    seen = [(k, v) for k, v in enumerate(solved.measured.views) if v is not None]
+    if camera is None:
+        return out
     place = {int(g): k for k, g in enumerate(solution.groups)}
-    for k, view in enumerate(solved.measured.views):
+    for (k, view), ideal in zip(seen, ideal_corners([v for _, v in seen], camera), strict=True):
         g = int(solution.problem.group[k])
-        if view is None or camera is None or g not in place:
+        if g not in place:
             continue
         C = se3.inverse(solution.at.X) @ solution.problem.G[k] @ solution.at.W[place[g]]
         turned = C @ solved.measured.motions  # one of them is how this image numbered the points
         p = view.points @ np.swapaxes(turned[:, :3, :3], 1, 2) + turned[:, None, :3, 3]
         if np.any(p[..., 2] <= 0.0):
             continue
-        off = (p[..., :2] / p[..., 2:] - undistort(view.corners, camera)) * np.array(camera.K[:2])
+        off = (p[..., :2] / p[..., 2:] - ideal) * np.array(camera.K[:2])
         out[k] = float(np.sqrt(np.min(np.mean(np.sum(off**2, axis=2), axis=1))))
     return out
 
