@@ -9,19 +9,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.pnp_start import mirrored, start_poses
-from calibration.hand_eye.views import CornerSet, distortion_jacobian, ideal_corners
+from calibration.hand_eye.pnp_start import mirrored, planes, ridged, start_poses
+from calibration.hand_eye.view_stack import Indices, ViewStack, view_stack
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 
-Indices = NDArray[np.int64]
 _AMBIGUOUS = 3.0  # a second pose is kept while its squared error is below this times that of the first
 _HOPELESS_START = 1000.0  # and not worth refining when far above it from the start
 _HOPELESS = 100.0  # or still after two steps
 _ITERATIONS, _SHORT = 15, 0.01
+_BLOCK = 128  # views
 
 
 @dataclass(frozen=True)
@@ -42,84 +42,36 @@ class Poses:
         """Those of some rows, in that order."""
         return Poses(self.C[rows], self.cov[rows], self.sse[rows], self.corners[rows])
 
-    def joined(self, other: "Poses") -> "Poses":
-        """These, then those of ``other``."""
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return Poses(*(np.concatenate(pair) for pair in pairs))
 
-
-@dataclass(frozen=True)
-class _Stack:
-    """Views padded to one length: points (n, 3, m), ideal coordinates (n, 2, m), whitening 2 x 2 of (n, m).
-
-    Padding is the target's origin with no weight.
-    """
-
-    points: Array
-    ideal: Array
-    whiten: tuple[tuple[Array, Array], tuple[Array, Array]]
-
-    def take(self, rows: Indices) -> "_Stack":
-        (a, b), (c, d) = self.whiten
-        whiten = ((a[rows], b[rows]), (c[rows], d[rows]))
-        return _Stack(self.points[rows], self.ideal[rows], whiten)
-
-
-def _stack(views: Sequence[CornerSet], ideal: Sequence[Array], camera: Intrinsics) -> _Stack:
-    n = len(views)
-    sizes = np.array([len(v.points) for v in views])
-    m = int(sizes.max())
-    inside = np.arange(m) < sizes[:, None]
-    weight = np.sqrt(np.concatenate([v.count for v in views]))
-    flat = np.concatenate(ideal)
-    distortion = distortion_jacobian(flat, camera)
-
-    def padded(values: Array) -> Array:
-        if inside.all():
-            return values.reshape(n, m)
-        out = np.zeros((n, m))
-        out[inside] = values
-        return out
-
-    points = np.concatenate([v.points for v in views])
-    return _Stack(
-        np.stack([padded(points[:, k]) for k in range(3)], axis=1),
-        np.stack([padded(flat[:, k]) for k in range(2)], axis=1),
-        (
-            (padded(weight * distortion[:, 0, 0]), padded(weight * distortion[:, 0, 1])),
-            (padded(weight * distortion[:, 1, 0]), padded(weight * distortion[:, 1, 1])),
-        ),
-    )
-
-
-def _residuals(stack: _Stack, C: Array) -> tuple[Array, Array, Array]:
-    """Whitened residuals (n, 2, m), measured minus predicted, ideal coordinates and depths."""
+def _residuals(stack: ViewStack, C: Array) -> tuple[Array, Array, Array]:
+    """Whitened residuals (n, 2, m), measured minus predicted, ideal coordinates and inverse depths (n, m)."""
     p = C[:, :3, :3] @ stack.points + C[:, :3, 3:]
     iz = 1.0 / p[:, 2]
     flat = p[:, :2] * iz[:, None]
     off = stack.ideal - flat
-    r = np.empty_like(off)
-    for k in (0, 1):
-        r[:, k] = stack.whiten[k][0] * off[:, 0] + stack.whiten[k][1] * off[:, 1]
-    return r, flat, iz
+    return stack.whiten[0] * off[:, :1] + stack.whiten[1] * off[:, 1:], flat, iz
 
 
-def _jacobian(stack: _Stack, flat: Array, iz: Array) -> Array:
-    """d predicted / d xi for a perturbation on the left of C, whitened, (n, 6, 2 m)."""
+def _jacobian(stack: ViewStack, flat: Array, iz: Array) -> Array:
+    """d predicted / d xi for a perturbation on the left of C, whitened, (n, 6, 2 m).
+
+    A corner at the depth z moves by ``f (t + w x q) / z`` where ``q = (x, y, 1) z`` is its place and f the
+    derivative by the place, so the derivative by (t, w) is that of a force, ``(f, q x f) / z``.
+    """
+    x, y = flat[:, :1], flat[:, 1:]
+    fx, fy = stack.whiten
+    fz = -(fx * x + fy * y)
     n, _, m = flat.shape
-    x, y = flat[:, 0], flat[:, 1]
-    xy, zero = x * y, np.zeros_like(x)
-    du = (iz, zero, -x * iz, -xy, 1.0 + x * x, -y)
-    dv = (zero, iz, -y * iz, -1.0 - y * y, xy, x)
     d = np.empty((n, 6, 2, m))
-    for k in (0, 1):
-        for j in range(6):
-            np.multiply(stack.whiten[k][0], du[j], out=d[:, j, k])
-            d[:, j, k] += stack.whiten[k][1] * dv[j]
+    for k, f in enumerate((fx, fy, fz)):
+        np.multiply(f, iz[:, None], out=d[:, k])
+    np.subtract(y * fz, fy, out=d[:, 3])
+    np.subtract(fx, x * fz, out=d[:, 4])
+    np.subtract(x * fy, y * fx, out=d[:, 5])
     return d.reshape(n, 6, 2 * m)
 
 
-def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None = None) -> Poses:
+def _refine(everything: ViewStack, C: Array, give_up: Array | None = None) -> Poses:
     """Gauss-Newton from ``C`` (n, 4, 4), each view until its step is shorter than 1 % of its uncertainty.
 
     The step that is that short is taken too, so what remains is far smaller. A view whose squared error is
@@ -129,19 +81,17 @@ def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None 
     C, cov, sse = C.copy(), np.zeros((n, 6, 6)), np.zeros(n)
     rows = np.arange(n)
     for iteration in range(_ITERATIONS):
-        stack = everything if len(rows) == n else everything.take(rows)
+        stack = everything.take(rows)
         r, flat, iz = _residuals(stack, C[rows])
         Jt = _jacobian(stack, flat, iz)
-        N = Jt @ np.swapaxes(Jt, 1, 2)
-        N += 1e-12 * np.trace(N, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        g = (Jt @ r.reshape(len(rows), -1, 1))[..., 0]
-        cov[rows] = np.linalg.inv(N)
-        step = (cov[rows] @ g[..., None])[..., 0]
-        gain = np.sum(step * g, axis=1)
-        before = np.asarray(np.einsum("nkm,nkm->n", r, r))
+        r = r.reshape(len(rows), -1)
+        g = (Jt @ r[..., None])[..., 0]
+        inverse = np.linalg.inv(ridged(Jt @ np.swapaxes(Jt, 1, 2)))
+        step = (inverse @ g[..., None])[..., 0]
+        gain, before = np.vecdot(step, g), np.vecdot(r, r)
         C[rows] = se3.exp(step) @ C[rows]
-        sse[rows] = np.maximum(before - gain, 0.0)
-        variance = np.maximum(sse[rows] / np.maximum(2 * sizes[rows] - 6, 1), 1e-4)
+        cov[rows], sse[rows] = inverse, np.maximum(before - gain, 0.0)
+        variance = np.maximum(sse[rows] / np.maximum(2 * stack.sizes - 6, 1), 1e-4)
         active = gain > _SHORT**2 * variance
         if give_up is not None and iteration >= 1:
             hopeless = before >= give_up[rows]
@@ -150,13 +100,12 @@ def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None 
         rows = rows[active]
         if not len(rows):
             break
-    return Poses(C, cov, sse, sizes)
+    return Poses(C, cov, sse, everything.sizes)
 
 
 def refine_poses(views: Sequence[CornerSet], camera: Intrinsics, C: Array) -> Poses:
     """The pose of each view from ``C`` (n, 4, 4), which is near it: no second pose is looked for."""
-    stack = _stack(views, ideal_corners(views, camera), camera)
-    return _refine(stack, np.array([len(v.points) for v in views]), C)
+    return _joined([_refine(view_stack(views[k], camera), C[k]) for k in _blocks(len(views))])
 
 
 def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:
@@ -166,17 +115,29 @@ def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, In
     nearly as well: it is kept, and the robot's motion decides. Every view needs four corners or more that do
     not lie on a line, and a start that is not NaN.
     """
-    ideal, sizes = ideal_corners(views, camera), np.array([len(v.points) for v in views])
-    stack = _stack(views, ideal, camera)
-    poses, owner = _refine(stack, sizes, start_poses(views, ideal)), np.arange(len(views))
-    other, rows = mirrored(stack.points, sizes, poses.C)
+    blocks = _blocks(len(views))
+    poses, owners = zip(*(_solve_block(views[k], camera) for k in blocks), strict=True)
+    return _joined(poses), np.concatenate([own + k.start for own, k in zip(owners, blocks, strict=True)])
+
+
+def _blocks(n: int) -> list[slice]:
+    """Few views at a time, so that what is computed of them stays in the processor's cache."""
+    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]
+
+
+def _solve_block(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:
+    stack = view_stack(views, camera)
+    flat = planes(stack)
+    poses = _refine(stack, start_poses(views, stack, flat))
+    other, rows = mirrored(flat, poses.C[flat.rows]), flat.rows
     r, _, _ = _residuals(stack.take(rows), other)
     noise = np.maximum(poses.sse[rows], 1e-3)
     worth = np.einsum("nkm,nkm->n", r, r) < _HOPELESS_START * noise
     rows, other, limit = rows[worth], other[worth], _HOPELESS * noise[worth]
+    owner = np.arange(len(views))
     if not len(rows):
         return poses, owner
-    poses = poses.joined(_refine(stack.take(rows), sizes[rows], other, limit))
+    poses = _joined([poses, _refine(stack.take(rows), other, limit)])
     owner = np.concatenate([owner, rows])
     order = np.lexsort((poses.sse, owner))
     first = np.r_[True, np.diff(owner[order]) > 0]
@@ -185,3 +146,8 @@ def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, In
     same = np.linalg.norm(poses.C[order] - poses.C[best][owner[order]], axis=(1, 2)) < 1e-6
     order = order[keep & (first | ~same)]
     return poses.take(order), owner[order]
+
+
+def _joined(parts: Sequence[Poses]) -> Poses:
+    """Those of all parts, one after the other."""
+    return Poses(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Poses)))

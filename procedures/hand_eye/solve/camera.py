@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment.image_misfit import explained_by_parts
-from calibration.hand_eye.pnp_start import start_poses
-from calibration.hand_eye.views import CornerSet, ideal_corners, undistort
+from calibration.hand_eye.pnp_start import first_guesses
+from calibration.hand_eye.views import CornerSet, undistort
 from calibration.intrinsics import (
     MIN_CORNERS,
     MIN_VIEWS,
@@ -148,7 +148,7 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
             loaded.views[k] = CornerSet(view.points, view.corners, view.count)
     rows = [k for k, v in enumerate(loaded.views) if v is not None]
     views = [v for v in loaded.views if v is not None]
-    guesses = start_poses(views, ideal_corners(views, camera))
+    guesses = first_guesses(views, camera)
     for k, guess in zip(rows, guesses, strict=True):
         if np.any(np.isnan(guess)):
             loaded.views[k] = None

@@ -12,6 +12,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.noise import Noise, reml, weights
 from calibration.hand_eye.normal import gauss_newton, linearise, normal
 from calibration.hand_eye.pnp import solve_pnp
+from calibration.hand_eye.pnp_start import first_guesses
 from calibration.hand_eye.problem import Estimate, residuals
 from calibration.hand_eye.solution import prepare
 from calibration.hand_eye.views import CornerSet, distortion_jacobian, project, undistort
@@ -78,6 +79,36 @@ def test_pose_from_corners_agrees_with_opencv() -> None:
         assert np.allclose(C[:3, :3], cv2.Rodrigues(rvec)[0], atol=2e-5)
 
 
+def test_poses_of_many_views_are_those_of_each_alone() -> None:
+    rng = np.random.default_rng(5)
+    views = []
+    for k, uv in enumerate(make_scene(count=300, px=0.3).corners):
+        seen = rng.random(54) < 0.8
+        views.append(CornerSet((0.1 if k % 2 else 1.0) * POINTS[seen], uv[seen], np.ones(seen.sum())))
+    poses, owner = solve_pnp(views, CAMERA)
+    for k in (0, 1, 127, 128, 299):
+        own, _ = solve_pnp(views[k : k + 1], CAMERA)
+        assert np.allclose(poses.C[owner == k], own.C, atol=1e-10)
+        assert np.allclose(poses.cov[owner == k], own.cov, rtol=1e-6)
+        assert np.array_equal(poses.corners[owner == k], own.corners)
+
+
+def test_corners_on_a_line_or_in_one_place_give_no_guess_and_do_not_stop_other_views() -> None:
+    uv = make_scene(count=1).corners[0]
+    seen = ((POINTS, uv), (POINTS[:9], uv[:9]), (POINTS[[3] * 9], uv[[3] * 9]), (POINTS, uv[[3] * 54]))
+    guesses = first_guesses([CornerSet(p, corners, np.ones(len(p))) for p, corners in seen], CAMERA)
+    assert list(np.isnan(guesses).any(axis=(1, 2))) == [False, True, True, True]
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+def test_the_first_guess_of_a_perfect_image_is_the_pose(turned: float) -> None:
+    T = exp_xi([0.1, -0.2, 0.3, turned, -turned, 0.2 * turned]).as_matrix()
+    for C in (pose.as_matrix() for pose in cone_views(np.random.default_rng(6), 5)):
+        p = POINTS @ C[:3, :3].T + C[:3, 3]
+        view = CornerSet(POINTS @ T[:3, :3].T + T[:3, 3], project(p[:, :2] / p[:, 2:], CAMERA), np.ones(54))
+        assert np.allclose(first_guesses([view], CAMERA)[0] @ T, C, atol=1e-9)
+
+
 def test_covariance_of_a_pose_predicts_its_scatter() -> None:
     C = cone_views(np.random.default_rng(3), 1)[0]
     rng = np.random.default_rng(4)
@@ -104,12 +135,20 @@ def test_a_pose_that_is_mirrored_in_the_line_of_sight_is_kept_as_a_candidate() -
     assert normals[0] @ normals[1] < 0.99
 
 
+def test_a_pixel_that_the_lens_cannot_reach_leaves_the_others_as_they_are() -> None:
+    camera = replace(CAMERA, dist=(-0.4, 0.0, 0.0, 0.0))
+    ideal = np.array([[0.1, -0.2], [0.3, 0.2]])
+    seen = undistort(np.concatenate([project(ideal, camera), [[2000.0, 400.0]]]), camera)
+    assert np.allclose(seen[:2], ideal, atol=1e-12)
+    assert np.array_equal(seen[2:], undistort(np.array([[2000.0, 400.0]]), camera), equal_nan=True)
+
+
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
 def test_undistorting_is_the_inverse_of_projecting_and_has_its_derivative(count: int) -> None:
     full = (-0.12, 0.08, 1e-3, -5e-4, 0.01, 0.02, -0.01, 0.003, 1e-3, -2e-3, 5e-4, 1e-3, 0.01, -0.02)
     camera = replace(CAMERA, dist=full[:count])
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
-    assert np.allclose(undistort(project(ideal, camera), camera), ideal, atol=1e-8)
+    assert np.allclose(undistort(project(ideal, camera), camera), ideal, atol=1e-11)
     step = np.array([1e-5, -2e-5])
     linear = (distortion_jacobian(ideal, camera) @ step[:, None])[..., 0]
     numeric = (project(ideal + step, camera) - project(ideal - step, camera)) / 2
