@@ -253,3 +253,53 @@ def test_a_storm_of_changes_reaches_a_watcher_at_a_limited_rate(engine: Recordin
     told, took_s = asyncio.run(scenario())
     # The answer and the first state, then one state a period, however long the storm took.
     assert 2 <= told <= 2 + took_s / WATCH_PERIOD_S
+
+
+def test_a_watcher_that_goes_away_is_unsubscribed(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> list[Any]:
+        server = ControlServer(path, engine)
+        await server.start()
+        try:
+            _, writer = await asyncio.open_unix_connection(path)
+            writer.write(b'{"id": 1, "method": "watch"}\n')
+            await until(lambda: bool(engine.listeners))
+            writer.close()
+            await until(lambda: not engine.listeners)
+            return engine.listeners
+        finally:
+            await server.stop()
+
+    assert asyncio.run(scenario()) == []
+
+
+def test_stop_ends_a_connection_that_still_waits(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> bytes:
+        server = ControlServer(path, engine)
+        await server.start()
+        reader, writer = await asyncio.open_unix_connection(path)
+        writer.write(b'{"id": 1, "method": "watch"}\n')
+        await reader.readline()
+        await server.stop()
+        rest = await asyncio.wait_for(reader.read(), 5)
+        writer.close()
+        return rest
+
+    assert b"error" not in asyncio.run(scenario())
+
+
+def test_a_client_without_a_daemon_says_where_it_looked(path: Path) -> None:
+    with pytest.raises(CellError, match=str(path)) as caught:
+        ControlClient(path)
+    assert caught.value.name == "DAEMON_UNREACHABLE"
+
+
+def test_the_detail_of_an_audit_line_is_bounded_as_well(engine: RecordingEngine, path: Path) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+    engine.refuse = error("UNKNOWN_JOB", "x" * 900_000)
+
+    def use() -> None:
+        with ControlClient(path) as subject, pytest.raises(CellError):
+            subject.call("halt")
+
+    serving(path, engine, use, lambda *line: lines.append(line))
+    assert len(lines[0][3]) < 600
