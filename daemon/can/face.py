@@ -11,7 +11,7 @@ from cell.clock import Clock
 from cell.errors import CellError
 from daemon.auditor import Audit, Auditor
 from daemon.can.frames import ACKNOWLEDGE, BOOT_UP, COMMAND, HEARTBEAT_ID, OPERATIONAL, STATUS
-from daemon.config.models import CanSection
+from daemon.config.faces import CanSection
 from daemon.modbus.command import ACCEPTED, DONE, REFUSED, STOPPING, Command, CommandChannel, refused
 from daemon.modbus.face import DONE_BIT, PLC_OK_BIT, TOGGLE_BIT
 from daemon.plc_heartbeat import PlcHeartbeat

@@ -35,7 +35,7 @@ def token(
     """
     from pydantic import ValidationError
 
-    from daemon.config.models import HttpSection
+    from daemon.config.faces import HttpSection
     from daemon.web.tokens import digest, new_token
 
     made = new_token()

@@ -1,7 +1,7 @@
 """``docs/can.md``: the frames of the CAN trigger, and what their numbers mean."""
 
 from daemon.can.frames import FRAMES, HEARTBEAT_ID
-from daemon.config.models import CanSection
+from daemon.config.faces import CanSection
 from daemon.docs.page import page
 from daemon.modbus.table import RegisterTable
 

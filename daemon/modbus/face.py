@@ -8,7 +8,7 @@ from typing import Any
 
 from cell.clock import Clock
 from daemon.auditor import Audit, Auditor
-from daemon.config.models import ModbusSection, split_bind
+from daemon.config.faces import ModbusSection, split_bind
 from daemon.modbus.command import (
     ACCEPTED,
     DONE,

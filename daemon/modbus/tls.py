@@ -3,7 +3,7 @@
 import ssl
 
 from cell.errors import error
-from daemon.config.models import ModbusSection
+from daemon.config.faces import ModbusSection
 
 
 def tls_context(config: ModbusSection) -> ssl.SSLContext | None:

@@ -8,7 +8,7 @@ from typing import Any
 from aiohttp import web
 
 from cell.errors import CellError, Reaction, error
-from daemon.config.models import HttpSection, Role
+from daemon.config.faces import HttpSection, Role
 from daemon.requests import Caller, check_bounds, described, too_deep
 from daemon.web.sessions import Session, Sessions
 

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from aiohttp import web
 
 from cell.errors import error
-from daemon.config.models import HttpSection, is_loopback, split_bind
+from daemon.config.faces import HttpSection, is_loopback, split_bind
 
 SAFE_METHODS = {"GET", "HEAD"}
 PAGE_POLICY = (

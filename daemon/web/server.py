@@ -10,7 +10,7 @@ from aiohttp import web
 
 from cell.errors import CellError, error
 from daemon.auditor import Audit, Auditor
-from daemon.config.models import HttpSection, split_bind
+from daemon.config.faces import HttpSection, split_bind
 from daemon.requests import EngineControl
 from daemon.web.answers import Visitors, caller, refusal
 from daemon.web.feed import Feed, States

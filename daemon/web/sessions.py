@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from cell.errors import error
-from daemon.config.models import Role, UserSection
+from daemon.config.faces import Role, UserSection
 from daemon.web.tokens import digest
 
 MAX_SESSIONS = 256

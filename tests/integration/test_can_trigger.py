@@ -14,7 +14,7 @@ import pytest
 from cell.clock import MonotonicClock
 from cell.errors import catalogue
 from daemon.can.face import CanFace
-from daemon.config.models import CanSection
+from daemon.config.faces import CanSection
 from daemon.modbus.command import Command
 from drivers.can_encoder import CanopenEncoder
 from fakes.can.bus import Frame

@@ -8,7 +8,7 @@ from typing import Any
 
 import aiohttp
 
-from daemon.config.models import HttpSection
+from daemon.config.faces import HttpSection
 from daemon.web.server import WebServer
 from daemon.web.tokens import digest
 from tests.kit.control_harness import RecordingEngine

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.config.models import HttpSection
+from daemon.config.faces import HttpSection
 from daemon.demo.page import HOST, DemoPage
 
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from daemon.config.models import Role
+from daemon.config.faces import Role
 from daemon.web.page_files import page_files
 
 FILES = page_files()
