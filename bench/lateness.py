@@ -62,7 +62,11 @@ def one_run(job: str, bind: str) -> tuple[str, dict[str, Any]]:
         run = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id)
         timing = next((e for e in run.read_journal() if e.get("event") == "timing"), {})
         again = last["steps_taken_again"]
-        why = f" {last['error']['name']}" if last["error"] else f", {again} steps again"
+        why = (
+            f" {last['error']['name']}: {last['error']['text']}"
+            if last["error"]
+            else f", {again} steps again"
+        )
         return last["outcome"] + why, timing
 
 
