@@ -7,6 +7,7 @@ world's business; only the joints are common to both.
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import lru_cache
+from math import isfinite
 from operator import le
 
 import numpy as np
@@ -244,7 +245,7 @@ class Arm:
             self._has_jumped = False
         if self._servo is not None:
             late_s = lag_s(_positive(lookahead_s), _positive(gain))
-            goal = self._servo.step(self.t, self.q, goal, late_s, self.period, self.speed_fraction)
+            goal = self._servo.step(self.t, lambda: self.q, goal, late_s, self.period, self.speed_fraction)
         self.track.servo(self.t, goal, dt)
 
     @property
@@ -255,7 +256,7 @@ class Arm:
 
 def _finite(values: ArrayLike) -> Array:
     out = np.asarray(values, dtype=float)
-    if out.shape != (6,) or not np.all(np.isfinite(out)):
+    if out.shape != (6,) or not all(map(isfinite, out.tolist())):
         raise ScriptError("a motion target needs six finite numbers")
     return out
 

@@ -15,6 +15,12 @@ from fakes.world.arm.profile import Ramp, Trapezoid
 SERVO_REST_RAD_S2 = 8.0  # how hard the arm brakes when set-points stop coming
 
 
+def largest(values: Array) -> float:
+    """The largest magnitude; of so few numbers Python has it sooner than NumPy."""
+    numbers: list[float] = values.tolist()
+    return max(map(abs, numbers))
+
+
 class Segment(Protocol):
     """``at(t)`` gives joints (rad) and joint speeds (rad/s), both (6,), for ``t >= t0``.
 
@@ -189,15 +195,16 @@ class Polynomial:
 
     @cached_property
     def t_end(self) -> float:
-        return self.t1 + float(np.max(np.abs(self._end[1]))) / SERVO_REST_RAD_S2
+        return self.t1 + largest(self.end[1]) / SERVO_REST_RAD_S2
 
     def at(self, t: float) -> tuple[Array, Array]:
         if t <= self.t1:
             return self._inside(t)
-        return _brake(*self._end, SERVO_REST_RAD_S2, t - self.t1)
+        return _brake(*self.end, SERVO_REST_RAD_S2, t - self.t1)
 
     @cached_property
-    def _end(self) -> tuple[Array, Array]:
+    def end(self) -> tuple[Array, Array]:
+        """Joints and joint speeds at ``t1``, to be read only."""
         return self._inside(self.t1)
 
     def _inside(self, t: float) -> tuple[Array, Array]:
@@ -210,7 +217,7 @@ class Polynomial:
 
 
 def _brake(q: Array, qd: Array, decel: float, tau: float) -> tuple[Array, Array]:
-    T = float(np.max(np.abs(qd))) / decel
+    T = largest(qd) / decel
     if T == 0.0:
         return q.copy(), np.zeros_like(q)
     tau = T if T - tau < 1e-9 else max(tau, 0.0)

@@ -18,11 +18,13 @@ full speed again, and after a set-point that leaped, as where a PC was late.
 """
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cell.poses import Array
+from fakes.world.arm.segments import largest
 from fakes.world.arm.truth import ServoTruth
 
 BEGUN_ANEW_S = 0.02  # without a set-point, as after servo_stop
@@ -48,20 +50,27 @@ class Servo:
         return self._scaling if self._line and t - self._line[-1][0] <= BEGUN_ANEW_S else 1.0
 
     def step(
-        self, t: float, here: Array, wanted: ArrayLike, late_s: float, period_s: float, fraction: float
+        self,
+        t: float,
+        here: Callable[[], Array],
+        wanted: ArrayLike,
+        late_s: float,
+        period_s: float,
+        fraction: float,
     ) -> Array:
-        """Where the arm is to be one cycle after ``t``; it is ``here``, and ``wanted`` was sent."""
+        """Where the arm is to be one cycle after ``t``; it is ``here()``, and ``wanted`` was sent."""
         if not self._line or t - self._line[-1][0] > BEGUN_ANEW_S:
-            self._line, self._own, self._at = deque([(t - period_s, here)]), t, here
+            self._at, self._own = here(), t
+            self._line = deque([(t - period_s, self._at)])
         self._line.append((t, np.array(wanted, dtype=float)))
         self._own += period_s * fraction
         if fraction >= 1.0:
             self._own = t + period_s
         (t0, q0), (t1, q1) = self._line[-2], self._line[-1]
-        asked = float(np.max(np.abs(q1 - q0) / ((t1 - t0) * self._fastest)))
+        asked = largest((q1 - q0) / ((t1 - t0) * self._fastest))
         self._scaling = 1.0 / max(asked * fraction, 1.0)
         step = self._filtered(late_s, period_s * fraction) - self._at
-        over = float(np.max(np.abs(step) / (period_s * self._fastest)))
+        over = largest(step / (period_s * self._fastest))
         self._at = self._at + step / max(over, 1.0)
         return self._at
 

@@ -17,7 +17,16 @@ from cell.poses import Array
 from fakes.world.arm.kinematics import Chain
 from fakes.world.arm.linear_path import LinearPath
 from fakes.world.arm.profile import Ramp, Trapezoid
-from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, PathMove, Polynomial, Segment
+from fakes.world.arm.segments import (
+    Hold,
+    JointMove,
+    JointSpeed,
+    JointStop,
+    PathMove,
+    Polynomial,
+    Segment,
+    largest,
+)
 from fakes.world.arm.smoothed import Smoothed
 from fakes.world.arm.truth import Lag
 
@@ -162,11 +171,11 @@ class Track:
         """Be at ``q`` in ``dt`` seconds: a cubic whose end speed follows from the set-point before."""
         q0, qd0 = self.at(t)
         q1 = np.array(q, dtype=float)
-        T = max(dt, float(np.max(np.abs(q1 - q0))) / MAX_JOINT_RAD_S)
+        T = max(dt, largest(q1 - q0) / MAX_JOINT_RAD_S)
         last = self._segments[-1]
         qd1 = np.zeros(6)
         if isinstance(last, Polynomial) and last.t1 >= t - 2.0 * dt:
-            qd1 = np.clip((q1 - last.at(last.t1)[0]) / dt, -MAX_JOINT_RAD_S, MAX_JOINT_RAD_S)
+            qd1 = np.minimum(np.maximum((q1 - last.end[0]) / dt, -MAX_JOINT_RAD_S), MAX_JOINT_RAD_S)
         c2 = (3.0 * (q1 - q0) / T - 2.0 * qd0 - qd1) / T
         c3 = (2.0 * (q0 - q1) / T + qd0 + qd1) / (T * T)
         self.append(Polynomial(t, t + T, t, np.array([q0, qd0, c2, c3])))

@@ -26,7 +26,7 @@ def driven(lag: Lag, rate: Array, seconds: float, fraction: float = 1.0) -> tupl
     subject, q = Servo(ServoTruth(lag=lag), fastest_joints("ur10e")), [np.zeros(6)]
     for k in range(round(seconds / PERIOD_S)):
         t = k * PERIOD_S
-        q.append(subject.step(t, q[-1], rate * t, LATE_S, PERIOD_S, fraction))
+        q.append(subject.step(t, q[-1].copy, rate * t, LATE_S, PERIOD_S, fraction))
     return subject, q
 
 
@@ -57,7 +57,7 @@ def test_at_full_speed_again_the_arm_catches_up(lag: Lag) -> None:
     cycles = round(3.0 / PERIOD_S)
     for k in range(cycles):
         t = k * PERIOD_S
-        q = subject.step(t, q, RATE * t, LATE_S, PERIOD_S, 0.5 if 0.5 <= t < 1.0 else 1.0)
+        q = subject.step(t, q.copy, RATE * t, LATE_S, PERIOD_S, 0.5 if 0.5 <= t < 1.0 else 1.0)
     assert np.allclose(RATE * cycles * PERIOD_S - q, RATE * LATE_S, atol=2.0 * PERIOD_S)
 
 
@@ -69,7 +69,7 @@ def test_after_set_points_that_came_late_the_arm_is_as_late_as_before() -> None:
         t = k * PERIOD_S
         held = k % 250 < 8 and k > 250  # for 16 ms, twice a second, there is no new one
         sent = t - PERIOD_S * (k % 250 + 1) if held else t
-        q.append(subject.step(t, q[-1], RATE * sent, LATE_S, PERIOD_S, 1.0))
+        q.append(subject.step(t, q[-1].copy, RATE * sent, LATE_S, PERIOD_S, 1.0))
     assert np.max(np.abs(np.diff(np.array(q), axis=0)) / PERIOD_S / fastest_joints("ur10e")) <= 1.0 + 1e-9
     behind = RATE * cycles * PERIOD_S - q[-1]
     assert np.allclose(behind, RATE * LATE_S, atol=2.0 * PERIOD_S)
