@@ -192,6 +192,29 @@ def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tup
     return replace(measured, views=printed), replace(problem, G=G, C=C, cov_px=cov, sse=sse)
 
 
+@dataclass(frozen=True)
+class LaterPoses:
+    """``C`` (n, 4, 4) T_camera_target of images that nothing was found from. ``cov`` (n, 6, 6) is by their
+    corners alone; ``moves`` (n, 6, c) is by lens and target, whose ``common`` (c, c) is one error of all.
+    Perturbations are on the left."""
+
+    C: Array
+    cov: Array
+    moves: Array
+    common: Array
+
+
+def later_poses(found: Adjusted, views: Sequence[CornerSet], near: Array, motions: Array) -> LaterPoses:
+    """With lens and target as they were found, for targets that are near ``near`` (n, 4, 4)."""
+    views = numbered_alike(views, near, found.camera, motions)
+    views = _printed(views, found.shape, found.numbers[found.blocks[TARGET_BLOCK]])
+    poses = refine_poses(views, found.camera, near)
+    images = slice(found.blocks[LENS_BLOCK].start, found.blocks[TARGET_BLOCK].stop)
+    moves = image_terms(views, poses.C, found.camera, found.shape).moves
+    variance = found.excess * found.components.sigma["sigma_px"] ** 2
+    return LaterPoses(poses.C, variance * poses.cov, moves, found.cov_numbers[images, images])
+
+
 def solved(
     of: Unknowns, state: AdjustedState, images: ImageTerms, estimates: int
 ) -> tuple[AdjustedState, Equations]:

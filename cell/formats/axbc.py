@@ -60,6 +60,48 @@ class AxbcObservation(Strict):
         return self
 
 
+How = Literal["given", "corrected"]
+
+
+class AxbcTarget(Strict):
+    """The flange as wanted in the camera, and the ``T_base_flange`` that are commanded for it.
+
+    ``corrected`` is null where no way is better than none, or out of reach."""
+
+    T_camera_flange: Pose
+    given: Pose
+    corrected: Pose | None = None
+
+
+class AxbcArrival(Strict):
+    """One rest at a target, which counts from 0, and what the camera saw there."""
+
+    target: Annotated[int, Field(ge=0, le=QUERIES)]
+    how: How
+    seen: AxbcObservation
+
+
+class AxbcDriven(Strict):
+    """Targets that the arm was driven to after the answer; nothing is solved from them.
+
+    ``way``: by what ``corrected`` was made; ``lost`` says in words what was not measured.
+    """
+
+    way: Literal["none", "constant", "model"]
+    targets: Annotated[list[AxbcTarget], Field(max_length=QUERIES)]
+    arrivals: Annotated[list[AxbcArrival], Field(max_length=OBSERVATIONS)]
+    lost: list[str] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _arrivals_have_a_target(self) -> "AxbcDriven":
+        for k, arrival in enumerate(self.arrivals):
+            if arrival.target >= len(self.targets):
+                raise ValueError(
+                    f"(arrivals[{k}].target) is {arrival.target}; the last one is {len(self.targets) - 1}"
+                )
+        return self
+
+
 class AxbcSet(Strict):
     """The whole data set."""
 
@@ -75,6 +117,7 @@ class AxbcSet(Strict):
     sigma_X: SigmaPose | None = None
     limits: Limits | None = None
     observations: Annotated[list[AxbcObservation], Field(max_length=OBSERVATIONS)]
+    driven: AxbcDriven | None = None
     notes: Any = None
 
     @model_validator(mode="after")

@@ -21,11 +21,12 @@ from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.store.files import write_atomic
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
+from procedures.eye_to_hand.driving import TargetDrive
 from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.solve.solver import solve_axbc
-from procedures.hand_eye.capturing import CaptureRun, check_names
+from procedures.hand_eye.capturing import check_names
 from procedures.hand_eye.judging import BoardSeen
 from procedures.hand_eye.plan import PlacementPlan
 from procedures.hand_eye.record import camera_entry
@@ -43,7 +44,11 @@ class EyeToHandCheck(Procedure):
     kind: ClassVar[str] = "axbc"
     Config = EyeToHandCheckConfig
     State = State
-    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS
+    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS | {
+        S.SOLVE: frozenset({S.PLAN}),  # of the ways to targets
+        S.PLAN: TRANSITIONS[S.PLAN] | {S.SOLVE},
+        S.RETURN: TRANSITIONS[S.RETURN] | {S.SOLVE},
+    }
     CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.PLACE, S.SEEK, S.MOVE})
 
     config: EyeToHandCheckConfig
@@ -92,7 +97,7 @@ class EyeToHandCheck(Procedure):
         return solve_axbc(path, calls=1)
 
 
-class CheckCapture(CaptureRun):
+class CheckCapture(TargetDrive):
     """A capture of one placement whose poses lie over the camera's volume."""
 
     def __init__(self, config: EyeToHandCheckConfig, run: Run) -> None:
@@ -123,10 +128,17 @@ class CheckCapture(CaptureRun):
             needed = self.check.min_poses
             raise error("CAPTURE_INCOMPLETE", f"{taken} poses were finished, {needed} are needed")
         path = await asyncio.to_thread(self._write)
+        targets = await self.ask_for_commands() if self.check.targets else None
         run.note("solve", event="started", observations=taken)
+        run.result = await run.worker.call(solve_run, path, targets)
+        if targets is None or not isinstance(run.result, AxbcResult):
+            return
+        driven = await self.drive(run.result.result, self._camera())
+        await run.enter(S.SOLVE, f"{len(driven['arrivals'])} targets seen")
+        path = await asyncio.to_thread(self._write, driven)
         run.result = await run.worker.call(solve_run, path)
 
-    def _write(self) -> Path:
+    def _write(self, driven: Mapping[str, Any] | None = None) -> Path:
         check, header = self.check, self.record.header
         T_camera_base = to_pose6(from_pose6(self.given).inv())
         data = {
@@ -141,6 +153,9 @@ class CheckCapture(CaptureRun):
             "limits": {"t": check.accept.max_error_t_m, "r": check.accept.max_error_r_rad},
             "observations": [_observation(o) for o in self.record.observations],
         }
+        if driven is not None:
+            arrivals = [a | {"seen": _observation(a["seen"])} for a in driven["arrivals"]]
+            data["driven"] = {**driven, "arrivals": arrivals}
         path = self.run.folder / FILE_NAME
         write_atomic(path, json.dumps(data, allow_nan=False))
         return path
@@ -156,9 +171,9 @@ class CheckCapture(CaptureRun):
         return camera_entry(lens, sigma)
 
 
-def solve_run(path: Path) -> Envelope:
-    """The result of a run's data set, for the worker process."""
-    return solve_axbc(path, calls=1)
+def solve_run(path: Path, targets: Path | None = None) -> Envelope:
+    """The result of a run's data set, for the worker process; with the commands for ``targets``."""
+    return solve_axbc(path, targets=targets, calls=1)
 
 
 def kinematics_value(answer: AxbcAnswer, values: RunValues) -> dict[str, Any]:

@@ -59,6 +59,12 @@ class EyeToHandCheckConfig(Strict):
         "corrects targets, or the arm's kinematics (use_kinematics); the last two where they correct targets "
         "better than anything simpler",
     )
+    targets: list[Pose] = Field(
+        default_factory=list,
+        max_length=20,
+        description="poses of the flange in the camera, as in a file of --targets: after the answer the arm "
+        "is driven to each, as given and corrected, and the camera sees what is off",
+    )
     camera_sigma: CameraSigma | None = Field(
         None, description="how well the intrinsics are known; else the lens is taken as it is given"
     )

@@ -1,6 +1,6 @@
 """The result of an eye-to-hand check, field by field."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -17,8 +17,11 @@ from cell.formats.result import (
     Pose,
     Radians,
     Rejected,
+    Unit,
     Vector,
 )
+
+JointsRead = Annotated[list[float], Unit("rad")]
 
 
 class PoseSize(Part):
@@ -104,6 +107,49 @@ class OnCorrectedArm(Part):
     cov: Covariance = Field(description="Of it, perturbation on the right.")
 
 
+class SeenAtTarget(Part):
+    """One rest at a target, through the camera."""
+
+    q: JointsRead | None = Field(description="Joints at which the arm rested.")
+    off_m: Metres = Field(description="How far the target on the flange was from where it was wanted.")
+    off: Vector = Field(description="As a vector in the camera: where it was less where it should be.")
+    off_95_m: Metres = Field(
+        description="95 % of the errors of `off` stay below this, `common_95_m` included."
+    )
+    common_95_m: Metres = Field(
+        description="Of it what is common to all targets: lens, print, and the target's place on the flange."
+    )
+
+
+class DrivenTarget(Part):
+    """One target that the arm was driven to, as given and corrected."""
+
+    number: int = Field(description="From 1, in the order of the configuration.")
+    T_camera_flange: Pose = Field(description="The flange as wanted.")
+    given: Pose = Field(description="`T_base_flange` through the given hand-eye.")
+    corrected: Pose | None = Field(description="`T_base_flange` that is commanded instead; null without one.")
+    before: SeenAtTarget | None = Field(description="Driven as given; null where it was not measured.")
+    after: SeenAtTarget | None = Field(description="Driven corrected; null where it was not measured.")
+
+
+class DrivenTargets(Part):
+    """What was off at targets that the answer was not made of."""
+
+    way: Literal["none", "constant", "model"] = Field(description="What they were corrected by.")
+    targets: list[DrivenTarget] = Field(description="Every target.")
+    before_rms_m: Metres | None = Field(
+        default=None, description="RMS as given, over those measured in both ways."
+    )
+    after_rms_m: Metres | None = Field(default=None, description="The same corrected.")
+    better: bool | None = Field(
+        default=None,
+        description="Corrected is surely nearer than as given: squared distances are less by more than twice "
+        "their standard deviation, common errors included; null where nothing was measured in both ways.",
+    )
+    meaning: str = Field(description="What the figures cover, and what they do not.")
+    lost: list[str] = Field(description="What was not measured, in words.")
+
+
 class AxbcAnswer(Part):
     """Where the base is in the camera, and what was given of it judged."""
 
@@ -143,6 +189,9 @@ class AxbcAnswer(Part):
     rejected: list[Rejected] = Field(description="Every observation that was not used.")
     commands: list[Pose | None] | None = Field(
         default=None, description="With `--targets`: `T_base_flange` to command; null where out of reach."
+    )
+    driven: DrivenTargets | None = Field(
+        default=None, description="With `targets` of the job: each was driven to, and seen."
     )
 
 

@@ -7,16 +7,19 @@ from typing import Any
 import numpy as np
 
 from cell.poses import from_pose6, log_xi
-from procedures.beside_truth import Judged
-from procedures.eye_to_hand.result import AxbcResult
+from procedures.beside_truth import SURE_POINT, Judged, all_inside
+from procedures.eye_to_hand.result import AxbcResult, DrivenTargets
+from procedures.twin_arm import true_flange
 from procedures.words import deg, mm
 
 M2_LIMIT = 20.1  # 99.73 % of a chi-square with 6 degrees of freedom lie below
 M2_95 = 12.59  # 95 % do
+_RADIUS95 = 2.795  # standard deviations that 95 % of normal 3-vectors are shorter than
 
 
 def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -> Judged:
-    """Good when the error of ``T_camera_base`` is within its own covariance."""
+    """Good when the error of ``T_camera_base`` is within its own covariance, and targets that were driven to
+    are truly off as stated."""
     answer = result.result
     xi = log_xi(from_pose6(answer.T_camera_base).inv() * from_pose6(truth["T_base_camera"]).inv())
     cov = np.array(answer.cov)
@@ -31,4 +34,38 @@ def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -
     )
     stated = f"standard uncertainty {mm(sigma[0])}, {deg(sigma[1])}"
     of95 = {"distance by the covariance": float(np.sqrt(m2 / M2_95))}
-    return Judged(good, text, stated, off, m2 <= M2_95, of95)
+    if answer.driven is not None:
+        as_stated, told, of_targets = _judge_driven(answer.driven, truth)
+        good, text, of95 = good and as_stated, f"{text}\n{told}", of95 | of_targets
+    return Judged(good, text, stated, off, all_inside(of95), of95)
+
+
+def _judge_driven(driven: DrivenTargets, truth: Mapping[str, Any]) -> tuple[bool, str, dict[str, float]]:
+    """Each arrival beside where the target truly was at the joints at which the arm rested; how well the arm
+    repeats a pose is not in its joints, so that is allowed for beside what is stated."""
+    mechanical = truth["mechanical"]
+    camera = from_pose6(mechanical["T_base_camera"]).inv()
+    place = from_pose6(mechanical["T_flange_target"][0])
+    shares: list[float] = []
+    true: dict[str, dict[int, float]] = {"before": {}, "after": {}}
+    for target in driven.targets:
+        wanted = (from_pose6(target.T_camera_flange) * place).translation
+        for how, seen in (("before", target.before), ("after", target.after)):
+            if seen is None or seen.q is None:
+                continue
+            flange = true_flange(truth["robot"], np.array([seen.q]))[0]
+            at = camera.apply(flange[:3, :3] @ place.translation + flange[:3, 3])
+            true[how][target.number] = float(np.linalg.norm(at - wanted))
+            bound = np.hypot(seen.off_95_m, _RADIUS95 * truth["noise"]["sigma_flange_t"])
+            shares.append(float(np.linalg.norm(at - wanted - seen.off) / bound))
+    if not shares:
+        return True, "no target was seen", {}
+    both = sorted(true["before"].keys() & true["after"].keys())
+    before, after = (np.sqrt(np.mean([true[how][k] ** 2 for k in both] or [0.0])) for how in true)
+    good = max(shares) <= SURE_POINT and (driven.better is not True or bool(after < before))
+    words = "consistent with" if good else "NOT consistent with"
+    text = (
+        f"targets are truly {mm(float(before))} off as given and {mm(float(after))} corrected (RMS of those "
+        f"seen both ways); the worst is stated {max(shares):.2f} of its 95 % wrong: {words} what is stated"
+    )
+    return good, text, {"target": max(shares)}

@@ -1,9 +1,11 @@
 """An eye-to-hand check in words: the standard, the verdict on what was given, and what correcting brings."""
 
 from collections.abc import Mapping
+from math import dist
 from typing import Any
 
-from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
+from cell.formats.axbc import How
+from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult, DrivenTargets, SeenAtTarget
 from procedures.plan_words import plan_lines
 from procedures.words import deg, mm, pose_text, sigma_text
 
@@ -14,6 +16,7 @@ BLAMED = {
     "arm": "the arm's errors are larger than an arm's are; camera and target fit",
     "cannot-tell": "something given is wrong, and the images cannot tell whether hand-eye, target or arm",
 }
+HOW_WORDS: Mapping[How, str] = {"given": "as given", "corrected": "corrected"}
 WAYS = {"none": "as given", "constant": "a constant", "model": "the arm's model"}
 
 
@@ -41,6 +44,7 @@ def axbc_lines(found: AxbcResult) -> list[str]:
             f"    {k}: {'out of reach' if pose is None else pose_text(pose)}"
             for k, pose in enumerate(answer.commands)
         ]
+    lines += driven_lines(answer.driven)
     if answer.rejected:
         lines.append(f"  {len(answer.rejected)} observations were not used:")
         lines += [f"    {r.index}: {r.reason}" for r in answer.rejected[:10]]
@@ -75,6 +79,66 @@ def shift_lines(answer: AxbcAnswer) -> list[str]:
     if answer.correction.chosen != "constant" or shift is None:
         return []
     return [f"  the constant, as a shift of the base frame that targets are commanded in: {pose_text(shift)}"]
+
+
+def move_text(target: int, how: How) -> str:
+    """One move; ``target`` counts from 0."""
+    return f"target {target + 1} {HOW_WORDS[how]}"
+
+
+def moves_text(way: str, driven: Mapping[str, Any], moves: int) -> str:
+    """What the arm is about to be driven to, for the operator's prompt; ``driven`` as in a data set."""
+    told = []
+    for k, target in enumerate(driven["targets"], 1):
+        said = f"target {k} as given {pose_text(target['given'])}"
+        if target["corrected"] is not None:
+            shift = dist(target["corrected"][:3], target["given"][:3])
+            said += f", corrected by {mm(shift)} to {pose_text(target['corrected'])}"
+        told.append(said)
+    by = (
+        "as given only, since no correction is surely better than none"
+        if way == "none"
+        else f"as given and corrected by {WAYS[way]}"
+    )
+    left = f"; left out: {'; '.join(driven['lost'])}" if driven["lost"] else ""
+    return (
+        f"{moves} moves to targets, {by}: {'; '.join(told)}{left}. Confirm to drive there and see what is "
+        "off, or skip them"
+    )
+
+
+def driven_lines(driven: DrivenTargets | None) -> list[str]:
+    """What was off at each target that the arm was driven to."""
+    if driven is None:
+        return []
+    lines = [f"  targets that were driven to, corrected by {WAYS[driven.way]}, and seen by the camera:"]
+    if driven.way == "none":
+        lines = ["  targets that were driven to as given, since no correction is surely better than none:"]
+    lines += [
+        f"    {t.number}: off {seen_text(t.before)} as given"
+        + ("" if driven.way == "none" else f", {seen_text(t.after)} corrected")
+        for t in driven.targets
+    ]
+    if driven.better is not None:
+        lines.append(f"    {gain_text(driven)}")
+    lines.append(f"    {driven.meaning}")
+    return lines + [f"    not measured: {what}" for what in driven.lost]
+
+
+def gain_text(driven: DrivenTargets) -> str:
+    """The verdict on the correction, by targets that were seen both ways."""
+    said = "surely nearer than" if driven.better else "not surely nearer than"
+    return (
+        f"corrected targets are {said} as given: {mm(driven.after_rms_m)} off corrected and "
+        f"{mm(driven.before_rms_m)} as given (RMS)"
+    )
+
+
+def seen_text(at: SeenAtTarget | None) -> str:
+    """How far off one arrival was, with what is common to all targets in the same line."""
+    if at is None:
+        return "not measured"
+    return f"{mm(at.off_m)} +- {mm(at.off_95_m)} (95 %, {mm(at.common_95_m)} of it common to all targets)"
 
 
 def _off(answer: AxbcAnswer) -> str:

@@ -244,10 +244,13 @@ class CaptureRun:
                 raise
             run.note("decision", event="pose skipped", pose=pose.index, why=str(refusal))
             return refusal
-        return await self._take_pose(group, pose.index)
+        return await self._take_pose(group, pose.index, self.record.next_index())
 
-    async def _take_pose(self, group: int, pose_index: int) -> dict[str, Any] | None:
-        """Settle and measure one pose, again where it fails; None when it had to be given up."""
+    async def _take_pose(self, group: int, pose_index: int, index: int) -> dict[str, Any] | None:
+        """Settle and measure one pose, again where it fails; None when it had to be given up.
+
+        ``index`` names its pictures.
+        """
         run, config = self.run, self.config
         why: str | None = None
         for attempt in range(config.retries_per_pose + 1):
@@ -256,7 +259,6 @@ class CaptureRun:
                 raise error("POSE_UNSTABLE", f"the arm did not come to rest in {STANDSTILL_TIMEOUT_S} s")
             await run.clock.sleep(config.settle_s)
             await run.enter(S.CAPTURE)
-            index = self.record.next_index()
             started = run.clock.now()
             frames = await self.camera.capture(
                 config.frames_per_pose, run.folder / "images", f"{index:04d}-{attempt}", started

@@ -10,7 +10,7 @@ from cell.poses import Array
 from procedures.eye_to_hand.report.cover import axbc_cover
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
-from procedures.eye_to_hand.words import BLAMED, WAYS, shift_lines
+from procedures.eye_to_hand.words import BLAMED, WAYS, gain_text, seen_text, shift_lines
 from procedures.report.figure import BEFORE, NOW, dressed, embed, figure, polyline
 from procedures.report.html import Html, el, facts, note, section, table
 from procedures.report.layout import Layout, Page
@@ -171,11 +171,47 @@ def correction_section(source: Source[AxbcResult]) -> Html | None:
     )
 
 
+def driven_section(source: Source[AxbcResult]) -> Html | None:
+    """What was off at each target that the arm was driven to."""
+    if source.found is None or (driven := source.found.result.driven) is None:
+        return None
+    fig = figure(260)
+    for name, tint, ways in (
+        ("as given", BEFORE, [(t.number, t.before) for t in driven.targets]),
+        ("corrected", NOW, [(t.number, t.after) for t in driven.targets]),
+    ):
+        seen = [(number, at) for number, at in ways if at is not None]
+        fig.add_trace(
+            go.Scatter(
+                x=[number for number, _ in seen],
+                y=[1e3 * at.off_m for _, at in seen],
+                error_y={"type": "data", "array": [1e3 * at.off_95_m for _, at in seen]},
+                mode="markers",
+                name=name,
+                marker={"size": 8, "color": tint},
+            )
+        )
+    fig.update_xaxes(title_text="target", dtick=1)
+    fig.update_yaxes(title_text="off, mm", rangemode="tozero")
+    rows = [(str(t.number), seen_text(t.before), seen_text(t.after)) for t in driven.targets]
+    said = [driven.meaning, *(f"Not measured: {what}." for what in driven.lost)]
+    if driven.way == "none":
+        said.insert(0, "No correction is surely better than none, so targets were driven to as given only.")
+    if driven.better is not None:
+        said.insert(0, f"{gain_text(driven)}.")
+    return section(
+        "Targets that were driven to",
+        embed(fig, "targets"),
+        table(("target", "off as given", "off corrected"), rows, "lll"),
+        *(note(line) for line in said),
+    )
+
+
 def _page(_source: Source[AxbcResult]) -> Page[Source[AxbcResult]]:
     return Page(
         top=(verdict_section, judgement_section),
         left=(map_section, map_views_section),
-        right=(correction_section,),
+        right=(correction_section, driven_section),
         rest=(timeline_section, inputs_section),
     )
 

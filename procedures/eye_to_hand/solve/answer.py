@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment.arm_accuracy import arm_with
+from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.mount import PLACE_DOUBTED, GivenPose, Mounted, for_controller
 from calibration.adjustment.mount import Suspicion as GivenSuspicion
 from calibration.adjustment.shared_errors import SharedErrors
@@ -41,7 +42,8 @@ class Found:
     ``standard`` is that with the target's known place, unless the place is doubted.
 
     ``solution`` has the target's poses as the lens and the print found have them, ``F`` (k, 4, 4) and ``C``
-    (k, 4, 4) are flange and T_camera_target of the used observations ``rows`` (k,).
+    (k, 4, 4) are flange and T_camera_target of the used observations ``rows`` (k,). ``images`` is what was
+    found of lens and print; None without images.
     """
 
     solution: Solution
@@ -51,6 +53,7 @@ class Found:
     alone: Mounted
     judged: GivenSuspicion
     standard: Mounted
+    images: Adjusted | None = None
 
     @property
     def place_doubted(self) -> bool:

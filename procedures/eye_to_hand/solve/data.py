@@ -1,5 +1,6 @@
 """An AXB = C data set in memory: a capture of one placement, and what was given of camera and target."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,13 +30,15 @@ NOT_JUDGED = {  # by where the target's place comes from
 @dataclass(frozen=True)
 class AxbcData:
     """``seen`` are the observations as a capture; ``camera`` T_base_camera and ``place`` T_flange_target as
-    given, with their covariances; ``known`` says where these come from."""
+    given, with their covariances; ``known`` says where these come from. ``arrived`` is what was seen at
+    targets that the arm was driven to."""
 
     document: AxbcSet
     seen: CaptureSet
     camera: GivenPose
     place: GivenPose
     known: dict[str, str]
+    arrived: CaptureSet | None = None
 
 
 def load_axbc(path: Path, progress: Progress | None = None) -> AxbcData:
@@ -51,15 +54,18 @@ def load_axbc(path: Path, progress: Progress | None = None) -> AxbcData:
     }
     return AxbcData(
         document,
-        measured_capture(file, _capture(document), progress),
+        measured_capture(file, _capture(document, document.observations), progress),
         GivenPose(se3.inverse(X), _square(sigma_X)),  # a camera is off at the camera, not at the base
         _inverted(C, _square(sigma_C)),
         known,
+        None
+        if document.driven is None
+        else measured_capture(file, _capture(document, [a.seen for a in document.driven.arrivals])),
     )
 
 
-def _capture(document: AxbcSet) -> Capture:
-    """The same observations as of one placement of a target on the flange."""
+def _capture(document: AxbcSet, observations: Sequence[AxbcObservation]) -> Capture:
+    """``observations`` as of one placement of a target on the flange."""
     return Capture.model_validate(
         {
             "schema": CAPTURE_SCHEMA,
@@ -68,7 +74,7 @@ def _capture(document: AxbcSet) -> Capture:
             "target": document.marker or Points(type="points", points=[[0.0, 0.0, 0.0]]),
             "noise": document.noise,
             "robot": document.robot,
-            "observations": [_observation(k, o) for k, o in enumerate(document.observations)],
+            "observations": [_observation(k, o) for k, o in enumerate(observations)],
         }
     )
 

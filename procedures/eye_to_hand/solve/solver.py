@@ -44,6 +44,7 @@ from procedures.eye_to_hand.solve.answer import (
 )
 from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
+from procedures.eye_to_hand.solve.driven import driven_targets, driven_warnings
 from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
@@ -105,6 +106,9 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
         commands, more = answer_targets(targets, ways, choice.chosen)
         answer = answer.changed(commands=commands)
         warnings += more
+    if (driven := driven_targets(data, found)) is not None:
+        answer = answer.changed(driven=driven)
+        warnings += driven_warnings(driven)
     reasons: list[str] = []
     warnings += blame_warning(answer)
     if (limits := data.document.limits) is not None:
@@ -172,7 +176,7 @@ def _find(
         limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
         own = ArmKnown(arm.spec.arm, arm.Q, limits, known.arm)
     if measured.views[0] is None or camera.camera is None:
-        alone = adjust_poses(solution, own)
+        alone, adjusted = adjust_poses(solution, own), None
     else:
         adjusted = adjust(measured, solution, camera.camera, own, known.lens, known.target)
         _, problem = as_found(adjusted, measured, solution)
@@ -181,7 +185,7 @@ def _find(
     judged = suspicion(for_controller(alone), data.camera, data.place)
     # A wrong place would move the camera.
     standard = alone if judged.blamed in PLACE_DOUBTED else with_place(alone, data.place)
-    return Found(solution, rows, measured.F[rows], own, alone, judged, standard)
+    return Found(solution, rows, measured.F[rows], own, alone, judged, standard, adjusted)
 
 
 def _choice(data: AxbcData, found: Found) -> ChosenWay:

@@ -1,0 +1,115 @@
+"""The ways to targets that a fixed camera wants, for the worker process: plain values in, moves out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.planning import ConeRequest
+from calibration.planning.view import view_faults
+from calibration.targets import make_target
+from cell.arm_model import ArmModel
+from cell.devices import Intrinsics
+from cell.errors import RefusedError
+from cell.formats.axbc import How
+from cell.poses import Array, from_pose6
+from cell.run_values import RunValues
+from procedures.arm_setup import lease_settings
+from procedures.hand_eye.plan import BoardObservation, camera_to_target
+
+
+@dataclass(frozen=True)
+class TargetMove:
+    """One target in one way: the ``T_base_flange`` commanded, and joints ``q`` (rad) on a way that was
+    checked; empty where ``why`` says what keeps the arm from it."""
+
+    target: int
+    how: How
+    command: list[float]
+    q: list[float] = field(default_factory=list)
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class TargetView:
+    """What the camera sees of the target on the flange: its table, its place there, and the lens as told."""
+
+    table: Mapping[str, Any]
+    T_marker_flange: Sequence[float]
+    lens: Mapping[str, Any]
+
+    def fault(self, T_camera_flange: Sequence[float]) -> str | None:
+        """Why the target cannot be measured with the flange there."""
+        seen = from_pose6(T_camera_flange) * from_pose6(self.T_marker_flange).inv()
+        told = self.lens
+        lens = Intrinsics(told["width"], told["height"], tuple(told["K"]), tuple(told["dist"]))
+        (fault,) = view_faults(seen, make_target(self.table).points, lens, ConeRequest.margin_px)
+        return fault
+
+
+def commands_as_given(given: Sequence[float], targets: Sequence[Sequence[float]]) -> list[RigidTransform]:
+    """``T_base_flange`` of each target, T_camera_flange, through ``given``, T_base_camera."""
+    return [from_pose6(given) * from_pose6(target) for target in targets]
+
+
+def off_in_view(
+    view: BoardObservation,
+    table: Mapping[str, Any],
+    T_marker_flange: Sequence[float],
+    T_camera_flange: Sequence[float],
+) -> float:
+    """How far the target is from where it was wanted, by one frame (m)."""
+    wanted = from_pose6(T_camera_flange) * from_pose6(T_marker_flange).inv()
+    seen = camera_to_target(view, make_target(table).points)
+    return float(np.linalg.norm(seen.translation - wanted.translation))
+
+
+def near_joints(
+    values: RunValues,
+    given: Sequence[float],
+    targets: Sequence[Sequence[float]],
+    known: Sequence[Sequence[float]],
+) -> list[list[float]]:
+    """Joints that pick the branch at each target: its own as given where the arm reaches it, near those of
+    the closest of the poses ``known`` (n, 6), which were visited."""
+    guard, _, _ = lease_settings(values)
+    Q = np.array(known, dtype=float)
+    at = np.array([guard.model.forward(q).translation for q in Q])
+    return [
+        _near(guard.model, command, Q[int(np.argmin(np.linalg.norm(at - command.translation, axis=1)))])
+        for command in commands_as_given(given, targets)
+    ]
+
+
+def _near(model: ArmModel, command: RigidTransform, closest: Array) -> list[float]:
+    q = model.inverse(command, closest)
+    return [float(v) for v in (closest if q is None else q)]
+
+
+def plan_moves(
+    values: RunValues,
+    view: TargetView,
+    targets: Sequence[Sequence[float]],
+    commands: Sequence[tuple[int, How, list[float]]],
+    near: Sequence[Sequence[float]],
+    q_now: Sequence[float],
+) -> list[TargetMove]:
+    """``commands`` (target, how, T_base_flange) in their order, each way checked as the lease checks it."""
+    guard, _, _ = lease_settings(values)
+    out, at = [], np.array(q_now, dtype=float)
+    for k, how, command in commands:
+        why = view.fault(targets[k])
+        q = None if why else guard.model.inverse(from_pose6(command), np.array(near[k]))
+        if q is None:
+            out.append(TargetMove(k, how, command, why=why or "out of the arm's reach"))
+            continue
+        try:
+            guard.check_path_joints(at, q)
+        except RefusedError as refusal:
+            out.append(TargetMove(k, how, command, why=str(refusal)))
+            continue
+        out.append(TargetMove(k, how, command, [float(v) for v in q]))
+        at = q
+    return out
