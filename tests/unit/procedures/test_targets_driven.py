@@ -1,5 +1,6 @@
 """Targets that the arm is driven to after a check of a fixed camera, on virtual time."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,26 @@ def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_pat
             home = np.array(cell.config.poses["home"])
             at = cell.plant.world.track.at(cell.clock.now())[0]
             np.testing.assert_allclose(at, home, atol=1e-3)
+
+    run_virtual(main())
+
+
+def test_a_constant_is_driven_and_a_correction_that_is_not_nearer_is_warned_of(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:3])), job=CHECK) as cell:
+            give_hand_eye(cell, off_m=0.0008)
+            run_id, asked = await driven_run(cell)
+            assert "as given and corrected by a constant" in asked
+            assert cell.result(run_id)["result"]["driven"]["better"] is True
+            folder = cell.folder(run_id).path
+            data = json.loads((folder / "axbc.json").read_text("utf-8"))
+            for arrival in data["driven"]["arrivals"]:
+                arrival["how"] = "corrected" if arrival["how"] == "given" else "given"
+            (tmp_path / "axbc.json").write_text(json.dumps(data), "utf-8")
+            worse = solve_axbc(tmp_path)
+            assert worse["result"]["driven"]["better"] is False
+            (said,) = [w["text"] for w in worse["warnings"] if w["code"] == "targets.not-better"]
+            assert said.startswith("corrected targets are not surely nearer than as given")
 
     run_virtual(main())
 
