@@ -16,17 +16,18 @@ _MAX_PAIRS = 800
 def pairs(group: Groups, limit: int = _MAX_PAIRS) -> tuple[Groups, Groups]:
     """Index pairs (k,), (k,) inside the groups; at most about ``limit``, spread over all strides."""
     first, second = [], []
-    for g in np.unique(group):
-        rows = np.flatnonzero(group == g)
-        n = len(rows)
+    order = np.argsort(group, kind="stable")
+    _, starts, sizes = np.unique(group[order], return_index=True, return_counts=True)
+    for n in np.unique(sizes):  # the groups of one size at once
+        rows = order[starts[sizes == n][:, None] + np.arange(n)]
         share = max(1, limit * n // len(group))
         strides = list(range(1, n))
         if n * (n - 1) // 2 > share:
             count = max(1, share // n)
             strides = sorted({max(1, round(k)) for k in np.linspace(1, n - 1, count)})
         for s in strides:
-            first.append(rows[: n - s])
-            second.append(rows[s:])
+            first.append(rows[:, : n - s].ravel())
+            second.append(rows[:, s:].ravel())
     if not first:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return np.concatenate(first), np.concatenate(second)
@@ -59,9 +60,10 @@ def group_poses(problem: Problem, X: Array) -> Array:
     out = np.zeros((problem.groups, 4, 4))
     for g in range(problem.groups):
         T = own[problem.group == g]
-        some = T[:: max(1, len(T) // 32)]
-        apart = np.linalg.norm(T[:, None, :3] - some[None, :, :3], axis=(2, 3))
-        out[g] = T[int(np.argmin(_median(apart)))]
+        entries = (T[:, :3] - T[0, :3]).reshape(-1, 12)
+        some = entries[:: max(1, len(T) // 32)]
+        squares = np.vecdot(entries, entries)[:, None] + np.vecdot(some, some) - 2.0 * entries @ some.T
+        out[g] = T[int(np.argmin(_median(np.sqrt(np.maximum(squares, 0.0)))))]
     return out
 
 

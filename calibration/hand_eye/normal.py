@@ -16,6 +16,7 @@ from cell.poses import Array
 
 _CONVERGED = 1e-12  # gain of a step over the cost
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
+_SOUND = 1e-10  # determinant of a matrix of unit diagonal that is inverted without its eigenvalues
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,18 @@ def pseudo_inverse(N: Array) -> Array:
     """
     diagonal = np.einsum("kii->ki", N)
     s = np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0)
-    values, vectors = np.linalg.eigh(N * s[:, :, None] * s[:, None, :])
-    known = np.abs(values) > 1e-13 * np.abs(values).max(axis=1, keepdims=True)
-    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
-    across = s[:, :, None] * vectors
-    return np.asarray((across * inverse[:, None]) @ np.swapaxes(across, 1, 2))
+    scale = s[:, :, None] * s[:, None, :]
+    scaled = N * scale
+    sound = np.linalg.det(scaled) > _SOUND
+    out = np.empty_like(N)
+    out[sound] = np.linalg.inv(scaled[sound])
+    if not sound.all():
+        values, vectors = np.linalg.eigh(scaled[~sound])
+        known = np.abs(values) > 1e-13 * np.abs(values).max(axis=1, keepdims=True)
+        inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+        out[~sound] = (vectors * inverse[:, None]) @ np.swapaxes(vectors, 1, 2)
+    out *= scale
+    return out
 
 
 def normal(lin: Linearised, weight: Array) -> Normal:
@@ -140,13 +148,14 @@ def own_normal(lin: Linearised, weight: Array) -> tuple[Array, Array]:
 
 def gathered(own: Array, g: Array, group: Groups, groups: int) -> Normal:
     """Contributions of observations added up by group; a group without any gets zeros."""
-    order = np.argsort(group, kind="stable")
-    first = np.flatnonzero(np.diff(group[order], prepend=-1))
-    present = group[order][first]
+    if np.any(group[1:] < group[:-1]):
+        order = np.argsort(group, kind="stable")
+        own, g, group = own[order], g[order], group[order]
+    first = np.flatnonzero(np.diff(group, prepend=-1))
     sums = np.zeros((groups, 12, 12)), np.zeros((groups, 12))
-    if len(order):
-        sums[0][present] = np.add.reduceat(own[order], first, axis=0)
-        sums[1][present] = np.add.reduceat(g[order], first, axis=0)
+    if len(group):
+        sums[0][group[first]] = np.add.reduceat(own, first, axis=0)
+        sums[1][group[first]] = np.add.reduceat(g, first, axis=0)
     return Normal(*sums)
 
 
