@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
-from calibration.hand_eye.noise import Noise, first_noise, reml, weights
+from calibration.hand_eye.noise import REML_POSES, Noise, first_noise, reml, weights
 from calibration.hand_eye.normal import Linearised, linearise, minimise, squared_distances
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
@@ -21,13 +21,11 @@ _MEDIAN = 5.348  # median of chi-square with six degrees of freedom
 
 @dataclass(frozen=True)
 class RobustFit:
-    """The plain solution over ``used`` (n,) observations and their weights (k, 6, 6) at it. ``distance`` (n,)
-    is how far each is off, in units of what its noise explains (RMS over six numbers), also for those left
-    out."""
+    """The plain solution over ``used`` (n,) observations. ``distance`` (n,) is how far each is off, in
+    units of what its noise explains (RMS over six numbers), also for those left out."""
 
     lin: Linearised
     noise: Noise
-    weight: Array
     used: NDArray[np.bool_]
     distance: Array
 
@@ -42,20 +40,34 @@ def robust_fit(
 
     ``most``: limits of estimated noise levels, unless those of an arm in working order.
     """
-    lin, noise, squared = _tukey(problem, start or closed_form(problem), given, most)
-    good = squared < _limit(problem, squared, trusted=False)
+    lin, noise = _tukey(problem, start or closed_form(problem), given, most)
+    squared = _squared(lin, noise)
+    used = squared < _limit(problem, squared, trusted=False)
     for _ in range(_ROUNDS):
-        used = _with_enough(problem, good)
-        fit = _restrict(lin, used)
-        noise = reml(fit, noise)
-        fit = minimise(fit, weights(fit, noise))
+        used = _with_enough(problem, used)
+        fit, noise = _plain(_restrict(lin, used), noise)
         lin = fit if used.all() else linearise(problem, _widen(problem, used, fit.at))
-        weight = weights(lin, noise)
-        squared = squared_distances(lin.r, weight)
-        good = squared < _limit(fit.problem, squared[used], trusted=True)
-        if np.array_equal(good, used):
+        squared = _squared(lin, noise)
+        again = squared < _limit(fit.problem, squared[used], trusted=True)
+        if np.array_equal(again, used):
             break
-    return RobustFit(fit, noise, weight[used], used, np.sqrt(squared / 6.0))
+        used = again
+    if fit.problem.n > REML_POSES:  # good enough to weight by, but the covariance is to be that of all
+        noise = reml(fit, noise, most=None)
+        fit = minimise(fit, weights(fit, noise))
+    return RobustFit(fit, noise, used, np.sqrt(squared / 6.0))
+
+
+def _plain(lin: Linearised, noise: Noise) -> tuple[Linearised, Noise]:
+    """Noise levels and solution of the observations in ``lin``, in turn until both agree."""
+    for _ in range(2):
+        noise = reml(lin, noise)
+        lin = minimise(lin, weights(lin, noise))
+    return lin, noise
+
+
+def _squared(lin: Linearised, noise: Noise) -> Array:
+    return squared_distances(lin.r, weights(lin, noise))
 
 
 def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
@@ -72,22 +84,18 @@ def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
 
 def _tukey(
     problem: Problem, at: Estimate, given: Mapping[str, float], most: Mapping[str, float] | None
-) -> tuple[Linearised, Noise, Array]:
-    """A few re-weighted solutions with a scale from the median, so that half the data may be wrong.
-
-    With the noise levels that weight them, and the squared distances (n,).
-    """
+) -> tuple[Linearised, Noise]:
+    """A few re-weighted solutions with a scale from the median, so that half the data may be wrong."""
     lin = linearise(problem, at)
     noise = first_noise(lin, given, most)
-    P = weights(lin, noise)
-    squared = squared_distances(lin.r, P)
     for _ in range(3):
+        P = weights(lin, noise)
+        squared = squared_distances(lin.r, P)
         scale = max(float(np.median(squared)) / _MEDIAN, 1e-12)
         u = squared / scale / (_TUKEY**2 * 6.0)
         tukey = np.where(u < 1.0, (1.0 - u) ** 2, 1e-9)
         lin = minimise(lin, P * tukey[:, None, None], iterations=1)
-        squared = squared_distances(lin.r, P)
-    return lin, noise, squared
+    return lin, noise
 
 
 def _with_enough(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
