@@ -114,10 +114,12 @@ class SeenAtTarget(Part):
     off_m: Metres = Field(description="How far the target on the flange was from where it was wanted.")
     off: Vector = Field(description="As a vector in the camera: where it was less where it should be.")
     off_95_m: Metres = Field(
-        description="95 % of the errors of `off` stay below this, `common_95_m` included."
+        description="95 % of the errors of `off` stay below this, `common_95_m` included; an error of a lens "
+        "that is taken as it is given is not in it."
     )
     common_95_m: Metres = Field(
-        description="Of it what is common to all targets: lens, print, and the target's place on the flange."
+        description="Of it what is common to all targets: lens where it is not taken as given, print, and "
+        "the target's place on the flange."
     )
 
 
@@ -144,7 +146,8 @@ class DrivenTargets(Part):
     better: bool | None = Field(
         default=None,
         description="Corrected is surely nearer than as given: squared distances are less by more than twice "
-        "their standard deviation, common errors included; null where nothing was measured in both ways.",
+        "their standard deviation, common errors and how well the arm repeats a pose included, a lens that "
+        "is taken as given not; null where nothing was measured in both ways.",
     )
     meaning: str = Field(description="What the figures cover, and what they do not.")
     lost: list[str] = Field(description="What was not measured, in words.")

@@ -30,13 +30,15 @@ _MEANING = (
 @dataclass(frozen=True)
 class _Off:
     """Of n arrivals: ``d`` (n, 3) m in the camera by which the target was off. Its error is of each with
-    covariance ``own`` (n, 3, 3), and ``J`` (n, 3, c) times one of all with ``common`` (c, c)."""
+    covariance ``own`` (n, 3, 3), and ``J`` (n, 3, c) times one of all with ``common`` (c, c). ``repeats``
+    (n, 3, 3) is by how well the arm comes to a pose again: no error of ``d``, but chance in what it shows."""
 
     arrivals: list[AxbcArrival]
     d: Array
     own: Array
     J: Array
     common: Array
+    repeats: Array
 
     @property
     def shared(self) -> Array:
@@ -55,12 +57,13 @@ class _Off:
         return np.array(both, dtype=np.int64).reshape(-1, 2)
 
     def gain(self, pairs: NDArray[np.int64]) -> tuple[float, float]:
-        """By how much the corrected squared distances are less in sum, m^2, and its standard deviation."""
+        """By how much the corrected squared distances are less in sum, m^2, and its standard deviation over
+        further visits."""
         sign = np.repeat([[1.0, -1.0]], len(pairs), axis=0).ravel()
         rows = pairs.ravel()
         slope = 2.0 * sign[:, None] * self.d[rows]
         by_common = np.einsum("ni,nic->c", slope, self.J[rows])
-        variance = np.einsum("ni,nij,nj->", slope, self.own[rows], slope)
+        variance = np.einsum("ni,nij,nj->", slope, self.own[rows] + self.repeats[rows], slope)
         variance += by_common @ self.common @ by_common
         return float(sign @ np.sum(self.d[rows] ** 2, axis=1)), float(np.sqrt(variance))
 
@@ -148,7 +151,16 @@ def _off(
         at @ seen.cov @ at.swapaxes(1, 2),
         np.concatenate([at @ seen.moves, -there[:, :3, :3]], axis=2),
         common,
+        _repeats(found, there),
     )
+
+
+def _repeats(found: Found, there: Array) -> Array:
+    """(n, 3, 3) m^2 of targets at poses ``there`` (n, 4, 4): by the noise of the flange, as it was found."""
+    noise = found.solution.noise if found.images is None else found.images.components
+    t, r = (noise.sigma.get(key, 0.0) for key in ("sigma_flange_t", "sigma_flange_r"))
+    lever = se3.hat(there[:, :3, :3] @ se3.inverse(found.standard.W)[:3, 3])
+    return t**2 * np.eye(3) + r**2 * lever @ lever.swapaxes(1, 2)
 
 
 def _measured(found: Found, arrived: CaptureSet, rows: NDArray[np.int64], near: Array) -> LaterPoses:

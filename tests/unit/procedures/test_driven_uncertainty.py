@@ -1,13 +1,16 @@
 """What is stated of targets that were driven to, on simulated data sets with the whole truth."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from calibration.hand_eye import se3
 from cell.poses import Array
+from tests.kit import eye_to_hand_scene
 from tests.kit.eye_to_hand_scene import SIGMA_C_R, SIGMA_C_T, joints, make_scene, pose6, project
 from tests.kit.imperfect_cell import FLANGE_R, FLANGE_T, MODEL, PX
 from tests.kit.solved import solve_axbc
@@ -57,3 +60,34 @@ def test_the_error_that_is_stated_of_a_target_holds(tmp_path: Path) -> None:
     print(f"{inside.sum()} of {len(inside)} targets inside their 95 %, the worst {max(found):.2f} of it")
     assert inside.mean() >= 0.9
     assert max(found) > 0.3, "a limit that is far too wide says nothing"
+
+
+def test_visits_that_differ_by_the_arm_alone_are_not_surely_nearer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both ways command the same; the arm repeats a pose worse than the images see it."""
+    px, repeat_t = 0.03, 5e-5
+    for name in ("PX", "FLANGE_T"):
+        value = px if name == "PX" else repeat_t
+        for module in (eye_to_hand_scene, sys.modules[__name__]):
+            monkeypatch.setattr(module, name, value)
+    better = 0
+    for seed in (6, 12):
+        rng = np.random.default_rng(seed)
+        data, _, _ = driven_set(rng)
+        scene = make_scene(np.random.default_rng(seed), n=30)
+        driven, arrivals = data["driven"], []
+        for arrival in driven["arrivals"][:2]:
+            Q = np.array(arrival["seen"]["q"])[None]
+            for how in ("given", "corrected"):
+                off = se3.exp(rng.normal(size=(1, 6)) * np.repeat([repeat_t, FLANGE_R], 3))
+                (C,) = se3.inverse(scene.X) @ scene.cell.true_flange(Q) @ off @ scene.W
+                uv = project(C)
+                seen = {**arrival["seen"], "corners": (uv + px * rng.normal(size=uv.shape)).tolist()}
+                arrivals.append({"target": arrival["target"], "how": how, "seen": seen})
+        for target in driven["targets"]:
+            target["corrected"] = target["given"]
+        driven |= {"way": "constant", "arrivals": arrivals}
+        (tmp_path / "axbc.json").write_text(json.dumps(data), "utf-8")
+        better += solve_axbc(tmp_path)["result"]["driven"]["better"]
+    assert better == 0
