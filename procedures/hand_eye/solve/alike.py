@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial import KDTree
 
+from calibration.hand_eye import se3
 from cell.poses import Array
 
 CODE = "placements.alike"
@@ -13,13 +14,11 @@ SAME_T, SAME_R = 0.01, 0.035  # m, rad: as the job's new_place_t_m and new_place
 
 def alike_warnings(W: Array, labels: Sequence[str], parent: str) -> list[tuple[str, str]]:
     """``W`` (g, 4, 4): the target of each placement in ``parent``; a warning where some stand alike."""
-    poses = [RigidTransform.from_matrix(T) for T in W]
-    pairs = []
-    for i in range(len(poses)):
-        for k in range(i + 1, len(poses)):
-            step = poses[i].inv() * poses[k]
-            if np.linalg.norm(step.translation) < SAME_T and step.rotation.magnitude() < SAME_R:
-                pairs.append(f"{labels[i]} and {labels[k]}")
+    near = KDTree(W[:, :3, 3]).query_pairs(SAME_T, output_type="ndarray")
+    i, k = near[np.lexsort((near[:, 1], near[:, 0]))].T
+    turned = np.linalg.norm(se3.rotation_vectors(np.swapaxes(W[i, :3, :3], 1, 2) @ W[k, :3, :3]), axis=1)
+    alike = turned < SAME_R
+    pairs = [f"{labels[a]} and {labels[b]}" for a, b in zip(i[alike], k[alike], strict=True)]
     if not pairs:
         return []
     more = f" and {len(pairs) - 8} more" if len(pairs) > 8 else ""

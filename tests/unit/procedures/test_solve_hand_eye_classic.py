@@ -1,6 +1,7 @@
 """The classic cone method beside ours, one capture by another arm, and placements that are one place."""
 
 import json
+import time
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
+from procedures.hand_eye.solve.alike import alike_warnings
 from tests.kit.contradictions import Document, good
 from tests.kit.solved import solve_hand_eye
 
@@ -68,3 +70,15 @@ def test_placements_that_are_one_place_are_warned_of(capture: Document, tmp_path
     codes = [w["code"] for w in solved(document, tmp_path, method="ml")["warnings"]]
     assert "placements.alike" in codes
     assert "placements.alike" not in [w["code"] for w in solved(capture, tmp_path, method="ml")["warnings"]]
+
+
+def test_many_placements_are_looked_through_without_taking_each_with_each() -> None:
+    W = np.tile(np.eye(4), (1000, 1, 1))
+    W[:, :3, 3] = 0.05 * np.stack(np.unravel_index(np.arange(1000), (10, 10, 10)), axis=1)
+    W[900] = W[17]
+    W[901, :3, :3], W[901, :3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], W[18, :3, 3]  # turned by a quarter
+    began = time.process_time()
+    ((code, text),) = alike_warnings(W, [f"p{k}" for k in range(1000)], "base")
+    assert time.process_time() - began < 5.0  # a pair takes 0.1 ms by itself
+    assert code == "placements.alike"
+    assert "in placements p17 and p900: they" in text
