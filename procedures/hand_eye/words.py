@@ -6,6 +6,7 @@ from typing import Any
 from cell.formats.result import Rejected
 from procedures.hand_eye.budget import largest
 from procedures.hand_eye.result import (
+    AbsoluteAccuracy,
     AtTask,
     HandEyeAnswer,
     HandEyeResiduals,
@@ -56,11 +57,7 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
     if answer.target_scale:
         lines.append(f"  {_target_scale(answer.target_scale)}")
     if answer.absolute_accuracy:
-        before, after = answer.absolute_accuracy.before, answer.absolute_accuracy.after
-        lines.append(
-            f"  the arm's position error by the board is {mm(before)} RMS, {mm(after)} with the corrected "
-            f"arm in result.robot (95 % below {mm(answer.absolute_accuracy.predicted_95)})"
-        )
+        lines.append(f"  the arm's position error by the board is {_by_board(answer.absolute_accuracy)}")
     if answer.arm:
         now, then = answer.arm.configured, answer.arm.corrected
         lines.append(
@@ -174,6 +171,17 @@ def _rejected(rejected: Sequence[Rejected]) -> list[str]:
     if len(rejected) > MOST_REJECTED_SHOWN:
         lines.append(f"    and {len(rejected) - MOST_REJECTED_SHOWN} more; --json lists them all")
     return lines
+
+
+def _by_board(found: AbsoluteAccuracy) -> str:
+    """What is expected to be left may be more than was found: that a correction helps is then not shown."""
+    left, below = mm(found.after), f"95 % below {mm(found.predicted_95)}"
+    if found.after >= found.before:
+        return (
+            f"{mm(found.before)} RMS, not more than the {left} to which it is known ({below}): these data "
+            "do not show that the corrected arm is better"
+        )
+    return f"{mm(found.before)} RMS, {left} with the corrected arm in result.robot ({below})"
 
 
 def so_far_text(error: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from cell.errors import InputError
 from fakes.object import run_virtual
 from procedures.hand_eye.config import Acceptance
-from procedures.hand_eye.result import AtTask, HandEyeResult
+from procedures.hand_eye.result import AbsoluteAccuracy, AtTask, HandEyeResult
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.hand_eye.verdict import judged
 from procedures.hand_eye.words import hand_eye_lines
@@ -118,3 +118,14 @@ def test_a_place_that_the_cell_does_not_have_is_refused(tmp_path: Path) -> None:
             assert "accept.task_pose 'nowhere' is unknown" in failure.detail
 
     run_virtual(main())
+
+
+@pytest.mark.parametrize(("before", "shown"), [(3e-4, True), (1e-4, False), (2e-5, False)])
+def test_an_arm_whose_error_is_below_what_is_known_of_it_is_not_called_better_corrected(
+    found: HandEyeResult, before: float, shown: bool
+) -> None:
+    accuracy = AbsoluteAccuracy(before=before, after=1e-4, predicted_95=2e-4)
+    subject = found.changed(result=found.result.changed(absolute_accuracy=accuracy))
+    text = "\n".join(hand_eye_lines(subject))
+    assert ("0.100 mm with the corrected arm" in text) == shown
+    assert ("do not show that the corrected arm is better" in text) != shown
