@@ -75,15 +75,24 @@ def _sizes(t: float, r: float) -> str:
 def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
     """The prior of a camera with ``camera.sigma``, and where it comes from."""
     prior = lens_prior(sigma)
-    text = f"focal length {100 * prior.focal:g} %, principal point {prior.centre_px:g} px"
-    if all(value is None for value in (sigma or {}).values()):
-        return prior, f"default: a camera that its maker has calibrated ({text})"
-    return prior, f"camera.sigma ({text})"
+    focal = f"focal length {100 * prior.focal:g} %"
+    centre = f"principal point {prior.centre_px:g} px"
+    given = [key for key in ("f", "c_px") if (sigma or {}).get(key) is not None]
+    if not given:
+        return prior, f"default: a camera that its maker has calibrated ({focal}, {centre})"
+    if len(given) == 1:
+        stated, usual = (focal, centre) if given == ["f"] else (centre, focal)
+        return prior, f"camera.sigma.{given[0]} ({stated}); default: {usual}"
+    return prior, f"camera.sigma ({focal}, {centre})"
 
 
 def _target(target: Mapping[str, Any]) -> tuple[TargetPrior, str]:
     prior = target_prior(target)
-    text = f"printed size {100 * prior.scale:g} %, flat to {1e3 * prior.bow:g} mm"
-    if target.get("scale_sigma") is None and target.get("flatness_m") is None:
-        return prior, f"default: one sheet from an office printer ({text})"
-    return prior, f"target.scale_sigma and target.flatness_m ({text})"
+    size, flat = f"printed size {100 * prior.scale:g} %", f"flat to {1e3 * prior.bow:g} mm"
+    given = [key for key in ("scale_sigma", "flatness_m") if target.get(key) is not None]
+    if not given:
+        return prior, f"default: one sheet from an office printer ({size}, {flat})"
+    if len(given) == 1:
+        stated, usual = (size, flat) if given == ["scale_sigma"] else (flat, size)
+        return prior, f"target.{given[0]} ({stated}); default: {usual}"
+    return prior, f"target.scale_sigma and target.flatness_m ({size}, {flat})"
