@@ -34,6 +34,7 @@ from calibration.adjustment.unknowns import (
     free_scales,
     moved_problem,
     observations,
+    predicted_poses,
     unknowns,
 )
 from calibration.hand_eye.noise import inverse_spd
@@ -132,7 +133,7 @@ def adjust(
     )
     now, seen = camera, views
     for again in range(_ROUNDS):
-        images = image_terms(seen, state.problem.C, now, shape)
+        images = image_terms(seen, state.problem.C, now, shape, predicted_poses(of, state))
         state, eq = solved(of, state, images, estimates=1 if again else 2)
         away = (state.numbers - state.base)[of.images]
         if np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA):

@@ -83,11 +83,24 @@ class ImageTerms:
     pull: Array
 
 
-def image_terms(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: "TargetShape") -> ImageTerms:
-    """At the images' own best poses ``C`` (n, 4, 4)."""
+def image_terms(
+    views: Sequence[CornerSet],
+    C: Array,
+    camera: Intrinsics,
+    shape: "TargetShape",
+    predicted: Array | None = None,
+) -> ImageTerms:
+    """At the images' own best poses ``C`` (n, 4, 4), with the derivatives at ``predicted`` (n, 4, 4).
+
+    Derivatives at ``C`` go with the noise of each image. Their products with the residuals then do not add
+    up to zero, and over thousands of images that draws what is hardly known: arm, target and camera that are
+    larger together. The poses that all images together predict have no such noise.
+    """
     gram = np.empty((len(views), 6 + NUMBERS + 1, 6 + NUMBERS + 1))
     sizes = np.array([len(v.points) for v in views])
-    rows = _derivatives(views, np.repeat(C, sizes, axis=0), camera, shape)
+    rows = _derivatives(views, np.repeat(C if predicted is None else predicted, sizes, axis=0), camera, shape)
+    if predicted is not None:
+        rows[:, -1] = _residuals(views, np.repeat(C, sizes, axis=0), camera)
     starts = 2 * np.concatenate([[0], np.cumsum(sizes)])
     for size in np.unique(sizes):  # views of one size together
         of = np.flatnonzero(sizes == size)
@@ -151,6 +164,15 @@ def projected(p: Array, camera: Intrinsics) -> tuple[Array, Array, Array]:
     by_lens[:, :, 0] = J[:, :, 6] * fx + J[:, :, 7] * fy
     by_lens[:, :, 1] = J[:, :, 7] * fy
     return pixels.reshape(-1, 2), J[:, :, 3:6], by_lens
+
+
+def _residuals(views: Sequence[CornerSet], C: Array, camera: Intrinsics) -> Array:
+    """(2m,) of all corners, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
+    points = np.concatenate([v.points for v in views])
+    p = (C[:, :3, :3] @ points[..., None])[..., 0] + C[:, :3, 3]
+    pixels, _ = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.dist))
+    off = np.concatenate([v.corners for v in views]) - pixels.reshape(-1, 2)
+    return np.asarray((off * np.sqrt(np.concatenate([v.count for v in views]))[:, None]).ravel())
 
 
 def _derivatives(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:

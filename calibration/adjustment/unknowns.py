@@ -23,7 +23,7 @@ from calibration.adjustment.shared_errors import ATTITUDE, PLACE, SharedErrors
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import shapes
 from calibration.hand_eye.normal import Linearised
-from calibration.hand_eye.problem import Estimate, Problem, flange_adjoint
+from calibration.hand_eye.problem import Estimate, Problem, flange_adjoint, residuals
 from calibration.kinematics.parametric import ParametricArm
 from cell.poses import Array
 
@@ -137,6 +137,12 @@ def _gauges(model: ParametricArm, limits: tuple[tuple[float, float], ...]) -> di
     return {
         block: common_motion(of.columns, flange) for block, of in _arm_blocks(model, over, ArmPrior()).items()
     }
+
+
+def predicted_poses(of: Unknowns, state: AdjustedState) -> Array:
+    """T_camera_target (n, 4, 4) where arm, camera and targets have it, whatever its image shows."""
+    still = np.zeros((state.problem.n, 6, of.images.stop - of.images.start))
+    return residuals(moved_problem(of, state, still), state.at)[1]
 
 
 def moved_problem(of: Unknowns, state: AdjustedState, moves: Array) -> Problem:
