@@ -9,6 +9,7 @@ from procedures.hand_eye.result import (
     AbsoluteAccuracy,
     AtTask,
     HandEyeAnswer,
+    HandEyeHeldOut,
     HandEyeResiduals,
     HandEyeResult,
     HandEyeUncertainty,
@@ -37,7 +38,7 @@ def hand_eye_lines(found: HandEyeResult) -> list[str]:
     return [
         *_answer(found.result, found.uncertainty),
         *_moved(found.inputs.moved),
-        *_residuals(found.residuals),
+        *_residuals(found.residuals, found.heldout),
         *_rejected(found.result.rejected),
     ]
 
@@ -153,11 +154,18 @@ def _spread_text(spread: Spread, configured: Spread | None) -> str:
     return text + (")" if spread.resolved else ": not resolved)")
 
 
-def _residuals(residuals: HandEyeResiduals) -> list[str]:
+def _residuals(residuals: HandEyeResiduals, held: HandEyeHeldOut) -> list[str]:
     spread, held_out = residuals.spread_mean, residuals.loo_mean
     lines = [f"  mean distance of the target's poses from their mean {mm(spread.t)}, {deg(spread.r)}"]
     if held_out.t is not None:  # leaving one out may leave too few
         lines.append(f"  each judged by a solution that did not see it {mm(held_out.t)}, {deg(held_out.r)}")
+    if held.rejected and (off := held.rms_with_rejected) is not None and off.t is not None:
+        lines.append(
+            f"  held out RMS with the {held.rejected} that were left out counted as well "
+            f"{mm(off.t)}, {deg(off.r)}"
+        )
+    if (off := held.rms_by_placement) is not None and off.t is not None:
+        lines.append(f"  each placement judged by the others {mm(off.t)}, {deg(off.r)} RMS")
     if (pixels := residuals.reprojection_rms_px) is not None:
         lines.append(f"  reprojection {pixels:.3f} px RMS (residuals are not accuracy)")
     return lines

@@ -23,6 +23,11 @@ def kincal_lines(found: KincalResult) -> list[str]:
             f"    with the {held.rejected} rejected samples counted as well, calibrated "
             f"{mm(held.rms_with_rejected, 4)}"
         )
+    if held.rms_by_region is not None:
+        lines.append(
+            "    with a region of the joints' space held out each time, calibrated "
+            f"{mm(held.rms_by_region, 4)}"
+        )
     if aside := held.set_aside:
         off = aside.rms
         lines.append(

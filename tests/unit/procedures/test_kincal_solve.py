@@ -280,6 +280,7 @@ def test_the_command_line_prints_the_three_figures_and_writes_the_result(tmp_pat
     )
     assert run.exit_code == 0, run.output
     for words in (
+        "with a region of the joints' space held out each time, calibrated ",
         "registration only",
         "rank 11",
         "a1 = a4",

@@ -14,9 +14,10 @@ from cell.errors import CellError, InputError
 from cell.formats.result import Result
 from cell.poses import from_pose6, log_xi, to_pose6
 from procedures.hand_eye.result import HandEyeAnswer, Spread
-from procedures.hand_eye.words import spread_lines
+from procedures.hand_eye.words import hand_eye_lines, spread_lines
 from tests.kit.hand_eye_scene import BOARD, CAMERA, POINTS, X_TRUE, make_scene
 from tests.kit.solved import solve_hand_eye
+from tests.kit.whole_results import made
 
 
 def error_of(result: dict[str, Any], name: str = "T_flange_camera") -> np.ndarray:
@@ -449,10 +450,17 @@ def test_held_out_figures_count_what_was_left_out_and_judge_a_placement_by_the_o
     for k in range(12, 24):  # the arm's lengths are off where the second placement was
         t, R = scene.flange[k].translation, scene.flange[k].rotation
         scene.flange[k] = RigidTransform.from_components(1.01 * t, R)
-    held = solve_hand_eye(scene.write(tmp_path))["heldout"]
+    result = solve_hand_eye(scene.write(tmp_path))
+    held = result["heldout"]
     assert held["rejected"] >= 1
     assert held["rms_with_rejected"]["t"] > 1.5 * held["rms"]["t"]
     assert held["rms_by_placement"]["t"] > held["rms"]["t"]
+    text = "\n".join(hand_eye_lines(made(result)))
+    for words, key in (
+        ("counted as well ", "rms_with_rejected"),
+        ("judged by the others ", "rms_by_placement"),
+    ):
+        assert f"{words}{1e3 * held[key]['t']:.3f} mm" in text
 
 
 def test_one_placement_is_not_judged_by_others(tmp_path: Path) -> None:
