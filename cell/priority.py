@@ -57,6 +57,16 @@ def yield_to_others(niceness: int = 0) -> None:
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
+def weigh_session(niceness: int, process: int | str = "self") -> None:
+    """Give the session of ``process`` the share that this niceness has, against other sessions (autogroup).
+
+    See sched(7). In a control group with a weight of its own, as under the service unit, that weight counts
+    and this one is idle. Where the system does not permit it the session stays as it is.
+    """
+    with suppress(OSError):
+        Path(f"/proc/{process}/autogroup").write_text(str(niceness), "ascii")
+
+
 def _ask(task: int, priority: int) -> bool:
     try:
         os.sched_setscheduler(task, os.SCHED_RR, os.sched_param(priority))

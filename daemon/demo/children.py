@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from cell.errors import error
+from cell.priority import weigh_session
 
 TERM_DEADLINE_S = 15.0
 KILL_DEADLINE_S = 5.0
@@ -87,7 +88,7 @@ class Child:
 
     def come_forward(self) -> None:
         """Stand back from other programs no longer, where the system permits it."""
-        _weigh_session(self.pid, 0)
+        weigh_session(0, self.pid)
 
     def end(self) -> None:
         """SIGTERM with a deadline, then SIGKILL to whatever is left of its session."""
@@ -105,16 +106,9 @@ class Child:
         return f"its log {self._log} ends: " + " / ".join(line.strip() for line in lines)
 
 
-def _weigh_session(pid: int | str, nice: int) -> None:
-    """Linux weighs sessions against each other, and nice values only within one."""
-    with suppress(OSError):
-        Path(f"/proc/{pid}/autogroup").write_text(str(nice), "ascii")
-
-
 def _end_with_parent(nice: int) -> None:
     """Runs in the child before exec: even a killed demo leaves no process."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, nice)
-    if nice > 0:
-        _weigh_session("self", nice)
+    weigh_session(nice)
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

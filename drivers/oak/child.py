@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cell.devices import BoardView, Frame, Intrinsics, ItemView
 from cell.errors import CellError, error
-from cell.priority import yield_to_others
+from cell.priority import weigh_session, yield_to_others
 from drivers.oak.capture import FrameCapture
 from drivers.oak.config import OakConfig
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
@@ -84,6 +84,7 @@ def main(detectors: Detectors) -> None:
     if os.getppid() != parent:
         os._exit(0)  # the daemon died before the request was in force
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the daemon ends us
+    weigh_session(os.getpriority(os.PRIO_PROCESS, 0))  # among other programs, the daemon's share
     yield_to_others()
     os.environ.update(_QUIET)
     os.environ.setdefault("DEPTHAI_SEARCH_TIMEOUT", _SEARCH_TIMEOUT_MS)

@@ -1,6 +1,7 @@
 """Real time for as long as it is needed, and none where it is refused; who has no right gives it back."""
 
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -110,3 +111,26 @@ def test_without_the_right_the_work_runs_and_its_failure_is_its_own(monkeypatch:
     with pytest.raises(KeyError) as failure, process_in_real_time(LOOP):
         raise KeyError("work")
     assert failure.value.__context__ is None
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel weighs no sessions")
+def test_what_looks_at_pictures_has_the_share_of_the_daemon_in_its_own_session() -> None:
+    ours, theirs = socket.socketpair()
+    command = [sys.executable, "-P", "-m", "daemon.vision_child", str(theirs.fileno()), str(os.getpid())]
+    child = subprocess.Popen(
+        command,
+        pass_fds=(theirs.fileno(),),
+        start_new_session=True,
+        preexec_fn=lambda: os.setpriority(os.PRIO_PROCESS, 0, 3),
+    )
+    try:
+        share = Path(f"/proc/{child.pid}/autogroup")
+        give_up = time.monotonic() + 20.0
+        while share.read_text().split()[-1] != "3" and time.monotonic() < give_up:
+            time.sleep(0.02)
+        assert share.read_text().split()[-1] == "3"
+    finally:
+        child.kill()
+        child.wait()
+        ours.close()
+        theirs.close()

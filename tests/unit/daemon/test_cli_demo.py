@@ -28,7 +28,7 @@ from cell.store.files import read_json
 from daemon.config import ModbusSection, load_config
 from daemon.demo import plc as registers
 from daemon.demo import wire
-from daemon.demo.children import Child
+from daemon.demo.children import SERVICE_NICE, Child
 from daemon.demo.fast import write_config
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
@@ -165,6 +165,17 @@ def test_a_child_of_low_priority_stands_back_from_other_sessions_until_it_is_wai
         subject.come_forward()
         later = Path(f"/proc/{subject.pid}/autogroup").read_text()
     assert (log.read_text().split()[-1], later.split()[-1]) == ("10", "0")
+
+
+@pytest.mark.wire
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel weighs no sessions")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may raise a session's share")
+def test_twin_and_daemon_have_the_share_of_their_priority_against_other_sessions(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    command = python("import time; print(open('/proc/self/autogroup').read(), flush=True); time.sleep(60)")
+    with Child("twin", command, log) as subject:
+        subject.wait_for(lambda: "\n" in log.read_text(), "line", 10)
+    assert int(log.read_text().split()[-1]) == SERVICE_NICE < 0
 
 
 @pytest.mark.wire

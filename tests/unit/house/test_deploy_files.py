@@ -11,6 +11,7 @@ import pytest
 
 from cell import priority
 from daemon.cli.failures import BAD_INPUT, REFUSED
+from daemon.demo.children import SERVICE_NICE
 
 ROOT = Path(__file__).parents[3]
 DEPLOY = ROOT / "daemon/service/files"
@@ -127,6 +128,9 @@ def test_the_unit_permits_the_priorities_and_the_devices_that_the_daemon_asks_fo
     (limit,) = (int(line.partition("=")[2]) for line in lines if line.startswith("LimitRTPRIO="))
     assert limit >= max(priority.LOOP, priority.SETPOINTS)
     assert "RestrictRealtime=yes" not in lines
+    assert f"Nice={SERVICE_NICE}" in lines
+    (weight,) = (int(line.partition("=")[2]) for line in lines if line.startswith("CPUWeight="))
+    assert weight > 100, "nice values count within the unit only; 100 is everybody's weight"
     filters = [line for line in lines if line.startswith("SystemCallFilter=")]
     assert "sched_setscheduler" in filters[-1], "allowed again after ~@resources took it away"
     for device in ("usb_device", "ttyUSB", "ttyACM", "ttyS"):
