@@ -7,11 +7,17 @@ block: from the fixed-arm answer). Peers on the same corners: OpenCV's PnP for e
 a placement at a time; SciPy's ``least_squares`` over X and all target poses from our PnP poses (to be held
 against `rest`), without covariance. Times are those of the processor, which all of them use on one thread, in
 the fastest of nine calls, which other programs disturb least. Memory is what the process grew by at most.
+The last line is ``cellward solve hand-eye`` of 5000 poses as a program: all that it took, start and file too.
 """
 
+import os
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -44,6 +50,7 @@ def main() -> None:
     for poses, placements in ((60, 3), (600, 1), (600, 10), (600, 60), (5000, 10)):
         _fixed_arm(poses, placements)
     _every_block()
+    _as_a_program(5000, 10)
 
 
 def _fixed_arm(poses: int, placements: int) -> None:
@@ -80,6 +87,19 @@ def _every_block() -> None:
     answer = first()
     rest = _milliseconds(lambda: adjust(measured, answer, imperfect_cell.CAMERA, known))
     _row(len(Q), 10, "every block", grew, whole, pnp, rest)
+
+
+def _as_a_program(poses: int, placements: int) -> None:
+    with TemporaryDirectory() as folder:
+        path = make_scene(1, count=poses, groups=placements).write(Path(folder))
+        command = [str(Path(sys.executable).with_name("cellward")), "solve", "hand-eye", str(path), "--json"]
+        with Path(folder, "result.json").open("w") as out:
+            process = subprocess.Popen(command, stdout=out)
+        used = os.wait4(process.pid, 0)[2]
+    seconds, most = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
+    print(
+        f"{poses:6}{placements:12}   cellward solve: {seconds:.1f} s of the processor, {most:.0f} MB at most"
+    )
 
 
 def _row(poses: int, placements: int, problem: str, grew: float, *milliseconds: float | None) -> None:

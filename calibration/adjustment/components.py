@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.adjustment.equations import Equations, Observations, Prior, equations
+from calibration.adjustment.equations import Equations, Observations, Prior, equations, row_blocks
 from cell.poses import Array
 
 SCALE_FACTOR = 3.0  # a scale by evidence lies within this factor of one at one standard deviation
@@ -129,8 +129,11 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
         eq.weight
         @ (obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group]))[..., None]
     )
-    follows = obs.of_global - obs.of_local @ eq.carry[obs.group]
-    fitted = (follows.reshape(-1, len(cov)) @ cov).reshape(follows.shape) @ np.swapaxes(follows, 1, 2)
+    fitted = np.empty_like(eq.weight)
+    for rows in row_blocks(obs.n):
+        follows = eq.follows(obs, rows)
+        carried = (follows.reshape(-1, len(cov)) @ cov).reshape(follows.shape)
+        fitted[rows] = carried @ np.swapaxes(follows, 1, 2)
     fitted += obs.of_local @ eq.inverse[obs.group] @ np.swapaxes(obs.of_local, 1, 2)
     R = eq.weight - eq.weight @ fitted @ eq.weight
     square = np.array([s**2 for s in now.sigma.values()])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.hand_eye.noise import inverse_spd
 from cell.poses import Array
 
+_BLOCK = 250  # observations
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
 
 
@@ -141,6 +142,10 @@ class Equations:
         values, vectors = np.linalg.eigh(self.N * s[:, None] * s)
         return s, values, vectors, values > 1e-13 * max(float(values[-1]), _NOTHING)
 
+    def follows(self, obs: Observations, rows: slice) -> Array:
+        """(k, d, m) derivatives of some residuals by the global unknowns, whose local poses follow."""
+        return np.asarray(obs.of_global[rows] - obs.of_local[rows] @ self.carry[obs.group[rows]])
+
     def local_covariance(self) -> Array:
         """(g, 6, 6) of the local poses."""
         out: Array = self.inverse + self.carry @ self.covariance @ np.swapaxes(self.carry, 1, 2)
@@ -154,19 +159,31 @@ class Equations:
 def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior, at: Array) -> Equations:
     """Of ``obs`` with covariances ``V`` (n, d, d) and one variance for their sums, at ``at`` (m,)."""
     weight = inverse_spd(V)
-    PG, PL = weight @ obs.of_global, weight @ obs.of_local
-    order = np.argsort(obs.group, kind="stable")
-    first = np.flatnonzero(np.diff(obs.group[order], prepend=-1))
-    LL = np.add.reduceat((np.swapaxes(obs.of_local, 1, 2) @ PL)[order], first, axis=0)
-    LG = np.add.reduceat((np.swapaxes(obs.of_local, 1, 2) @ PG)[order], first, axis=0)
-    gl = np.add.reduceat(np.einsum("nij,ni->nj", PL, obs.r)[order], first, axis=0)
+    m = obs.of_global.shape[2]
+    N, g = np.zeros((m, m)), np.zeros(m)
+    LL, LG, gl = np.zeros((obs.groups, 6, 6)), np.zeros((obs.groups, 6, m)), np.zeros((obs.groups, 6))
+    for rows in row_blocks(obs.n):
+        G, L, P, r = obs.of_global[rows], obs.of_local[rows], weight[rows], obs.r[rows]
+        PG, PL = P @ G, P @ L
+        order = np.argsort(obs.group[rows], kind="stable")
+        group = obs.group[rows][order]
+        first = np.flatnonzero(np.diff(group, prepend=-1))
+        LL[group[first]] += np.add.reduceat((np.swapaxes(L, 1, 2) @ PL)[order], first, axis=0)
+        LG[group[first]] += np.add.reduceat((np.swapaxes(L, 1, 2) @ PG)[order], first, axis=0)
+        gl[group[first]] += np.add.reduceat(np.einsum("nij,ni->nj", PL, r)[order], first, axis=0)
+        flat = G.reshape(-1, m)
+        N += flat.T @ PG.reshape(-1, m)
+        g += flat.T @ (P @ r[..., None]).reshape(-1)
     inverse = inverse_spd(LL)
     carry = inverse @ LG
     local = (inverse @ gl[..., None])[..., 0]
-    m = obs.of_global.shape[2]
-    flat = obs.of_global.reshape(-1, m)
-    N = flat.T @ PG.reshape(-1, m) - LG.reshape(-1, m).T @ carry.reshape(-1, m)
-    g = flat.T @ (weight @ obs.r[..., None]).reshape(-1) - np.einsum("gim,gi->m", LG, local)
+    N -= LG.reshape(-1, m).T @ carry.reshape(-1, m)
+    g -= np.einsum("gim,gi->m", LG, local)
     N += obs.info / variance_of_sums + np.diag(prior.precision)
     g += obs.pull / variance_of_sums + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
+
+
+def row_blocks(n: int) -> list[slice]:
+    """Of n observations some hundred at a time: with 100 unknowns a product of theirs takes 5 MB."""
+    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]

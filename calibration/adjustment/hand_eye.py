@@ -222,21 +222,24 @@ def solved(
     """X, target poses, numbers and their scales, with the images as they were solved; the scales are
     estimated in the first ``estimates`` steps."""
     for k in range(_STEPS):
-        lin = linearise(moved_problem(of, state, images.moves), state.at)
-        obs = observations(of, state, images, lin)
-        x0 = np.concatenate([np.zeros(6), state.numbers])
-        components = state.components if k >= estimates else estimated(obs, of.prior, x0, state.components)
-        eq = components.equations(obs, of.prior, x0)
-        x, w = eq.step()
-        state = replace(
-            state,
-            at=state.at.moved(np.concatenate([x[None, :6], w])),
-            numbers=state.numbers + x[6:],
-            components=components,
-        )
-        if k > 0 and np.all(np.abs(x[:6]) < _SETTLED * np.sqrt(np.diag(eq.covariance)[:6])):
+        state, eq, x = _step(of, state, images, estimate=k < estimates)
+        if k > 0 and np.all(np.abs(x) < _SETTLED * np.sqrt(np.diag(eq.covariance)[:6])):
             break
     return state, eq
+
+
+def _step(
+    of: Unknowns, state: AdjustedState, images: ImageTerms, estimate: bool
+) -> tuple[AdjustedState, Equations, Array]:
+    """One step of all unknowns, and by how much X moved, (6,)."""
+    lin = linearise(moved_problem(of, state, images.moves), state.at)
+    obs = observations(of, state, images, lin)
+    x0 = np.concatenate([np.zeros(6), state.numbers])
+    components = estimated(obs, of.prior, x0, state.components) if estimate else state.components
+    eq = components.equations(obs, of.prior, x0)
+    x, w = eq.step()
+    moved = state.at.moved(np.concatenate([x[None, :6], w]))
+    return replace(state, at=moved, numbers=state.numbers + x[6:], components=components), eq, x[:6]
 
 
 def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Jackknife:

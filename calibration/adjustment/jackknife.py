@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.adjustment.components import Components
-from calibration.adjustment.equations import Equations, Observations
+from calibration.adjustment.equations import Equations, Observations, row_blocks
 from cell.poses import Array
 
 _CHANCE = 1e-3  # of enlarging where noise is as its levels have it
@@ -89,8 +89,11 @@ def jackknife(obs: Observations, components: Components, eq: Equations, count: i
     Noise levels, scales of priors and what images say of lens and target stay as they are.
     """
     cov = np.where(np.isfinite(eq.covariance), eq.covariance, 0.0)
-    follows = obs.of_global - obs.of_local @ eq.carry[obs.group]
-    fitted = follows @ cov @ np.swapaxes(follows, 1, 2)
+    fitted, told = np.empty_like(eq.weight), np.empty((obs.n, count, eq.weight.shape[1]))
+    for rows in row_blocks(obs.n):
+        follows = eq.follows(obs, rows)
+        fitted[rows] = follows @ cov @ np.swapaxes(follows, 1, 2)
+        told[rows] = cov[:count] @ np.swapaxes(follows, 1, 2)
     fitted += obs.of_local @ eq.inverse[obs.group] @ np.swapaxes(obs.of_local, 1, 2)
     root = np.linalg.cholesky(components.variances(obs.parts))
     white = np.linalg.inv(root)
@@ -100,7 +103,7 @@ def jackknife(obs: Observations, components: Components, eq: Equations, count: i
     e = (np.swapaxes(vectors, 1, 2) @ (white @ obs.r[..., None]))[..., 0] * left
     pulled = (vectors @ e[..., None])[..., 0]
     share = (obs.n - 1.0) / obs.n
-    answer = cov[:count] @ np.swapaxes(follows, 1, 2) @ np.swapaxes(white, 1, 2)
+    answer = told @ np.swapaxes(white, 1, 2)
     change = (answer @ pulled[..., None])[..., 0]
     change -= change.mean(axis=0)
     across = answer @ vectors

@@ -6,14 +6,14 @@ number matter for a hand-eye result.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import cv2
 import numpy as np
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.views import CornerSet
+from calibration.hand_eye.views import CornerSet, blocks
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -96,6 +96,19 @@ def image_terms(
     up to zero, and over thousands of images that draws what is hardly known: arm, target and camera that are
     larger together. The poses that all images together predict have no such noise.
     """
+    parts = [
+        _of_few(views[k], C[k], camera, shape, None if predicted is None else predicted[k])
+        for k in blocks(len(views))
+    ]
+    return ImageTerms(
+        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ImageTerms))
+    )
+
+
+def _of_few(
+    views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: "TargetShape", predicted: Array | None
+) -> ImageTerms:
+    """As :func:`image_terms`, with all corners in memory at once: 1 kB of derivatives each."""
     gram = np.empty((len(views), 6 + NUMBERS + 1, 6 + NUMBERS + 1))
     sizes = np.array([len(v.points) for v in views])
     rows = _derivatives(views, np.repeat(C if predicted is None else predicted, sizes, axis=0), camera, shape)

@@ -17,7 +17,7 @@ from calibration.adjustment.arm_terms import (
     without_gauge,
 )
 from calibration.adjustment.components import Components
-from calibration.adjustment.equations import Equations, Observations, Prior
+from calibration.adjustment.equations import Equations, Observations, Prior, row_blocks
 from calibration.adjustment.lens_terms import LENS, TARGET, ImageTerms, LensPrior, TargetPrior
 from calibration.adjustment.shared_errors import ATTITUDE, PLACE, SharedErrors
 from calibration.hand_eye import se3
@@ -167,8 +167,9 @@ def observations(of: Unknowns, state: AdjustedState, images: ImageTerms, lin: Li
     sign = 1.0 if lin.problem.setup == "eye-in-hand" else -1.0
     carried = se3.right_jacobian_inverse(lin.r) @ flange_adjoint(lin.problem, lin.at, lin.predicted)
     after = slice(6 + of.images.start, None)
-    of_global[:, :, 6 : after.start] = sign * carried @ of.flange
     of_global[:, :, after] = se3.right_jacobian_inverse(-lin.r) @ images.moves
+    for rows in row_blocks(n):
+        of_global[rows, :, 6 : after.start] = sign * carried[rows] @ of.flange[rows]
     away = (state.numbers - state.base)[of.images]
     info, pull = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)
     info[after, after] = curvature = images.info.sum(axis=0)

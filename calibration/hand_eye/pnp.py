@@ -13,7 +13,7 @@ import numpy as np
 from calibration.hand_eye import se3
 from calibration.hand_eye.pnp_start import mirrored, planes, ridged, start_poses
 from calibration.hand_eye.view_stack import Indices, ViewStack, view_stack
-from calibration.hand_eye.views import CornerSet
+from calibration.hand_eye.views import CornerSet, blocks
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -21,7 +21,6 @@ _AMBIGUOUS = 3.0  # a second pose is kept while its squared error is below this 
 _HOPELESS_START = 1000.0  # and not worth refining when far above it from the start
 _HOPELESS = 100.0  # or still after two steps
 _ITERATIONS, _SHORT = 15, 0.01
-_BLOCK = 128  # views
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def _refine(everything: ViewStack, C: Array, give_up: Array | None = None) -> Po
 
 def refine_poses(views: Sequence[CornerSet], camera: Intrinsics, C: Array) -> Poses:
     """The pose of each view from ``C`` (n, 4, 4), which is near it: no second pose is looked for."""
-    return _joined([_refine(view_stack(views[k], camera), C[k]) for k in _blocks(len(views))])
+    return _joined([_refine(view_stack(views[k], camera), C[k]) for k in blocks(len(views))])
 
 
 def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:
@@ -115,14 +114,9 @@ def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, In
     nearly as well: it is kept, and the robot's motion decides. Every view needs four corners or more that do
     not lie on a line, and a start that is not NaN.
     """
-    blocks = _blocks(len(views))
-    poses, owners = zip(*(_solve_block(views[k], camera) for k in blocks), strict=True)
-    return _joined(poses), np.concatenate([own + k.start for own, k in zip(owners, blocks, strict=True)])
-
-
-def _blocks(n: int) -> list[slice]:
-    """Few views at a time, so that what is computed of them stays in the processor's cache."""
-    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]
+    parts = blocks(len(views))
+    poses, owners = zip(*(_solve_block(views[k], camera) for k in parts), strict=True)
+    return _joined(poses), np.concatenate([own + k.start for own, k in zip(owners, parts, strict=True)])
 
 
 def _solve_block(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calibration.hand_eye.view_stack import Indices, ViewStack, view_stack
-from calibration.hand_eye.views import CornerSet
+from calibration.hand_eye.views import CornerSet, blocks
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -49,6 +49,10 @@ def first_guesses(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
     """The guess (n, 4, 4) from which each view's pose is found, NaN where there is none."""
     if not views:
         return np.zeros((0, 4, 4))
+    return np.concatenate([_guesses(views[k], camera) for k in blocks(len(views))])
+
+
+def _guesses(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
     stack = view_stack(views, camera)
     return start_poses(views, stack, planes(stack))
 

@@ -9,6 +9,7 @@ import numpy as np
 from cell.devices import Intrinsics
 from cell.poses import Array
 
+_BLOCK = 128  # views
 _NEWTON, _SHORT = 10, 1e-6  # a step that is so short leaves its square, 1e-12
 
 
@@ -23,6 +24,11 @@ class CornerSet:
     corners: Array
     count: Array
     start: Array | None = None
+
+
+def blocks(n: int) -> list[slice]:
+    """Few of n views at a time, so that what is computed of them stays in the processor's cache."""
+    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]
 
 
 def undistort(pixels: Array, camera: Intrinsics) -> Array:
@@ -57,10 +63,11 @@ def _undistort_by_opencv(pixels: Array, camera: Intrinsics) -> Array:
 
 def ideal_corners(views: Sequence[CornerSet], camera: Intrinsics) -> list[Array]:
     """Ideal coordinates (m, 2) of the corners of each view."""
-    if not views:
-        return []
-    flat = undistort(np.concatenate([v.corners for v in views]), camera)
-    return np.split(flat, np.cumsum([len(v.corners) for v in views])[:-1])
+    out: list[Array] = []
+    for k in blocks(len(views)):
+        flat = undistort(np.concatenate([v.corners for v in views[k]]), camera)
+        out += np.split(flat, np.cumsum([len(v.corners) for v in views[k]])[:-1])
+    return out
 
 
 def project(ideal: Array, camera: Intrinsics) -> Array:

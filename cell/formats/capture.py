@@ -15,7 +15,6 @@ from cell.formats.bounds import (
     OBSERVATIONS,
     Coefficient,
     Joints,
-    Pixel,
     PixelCount,
     Pixels,
     Point,
@@ -27,6 +26,7 @@ from cell.formats.bounds import (
     Stamp,
     Whole,
 )
+from cell.formats.pixel_list import Corners
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.capture/1"
@@ -187,7 +187,7 @@ class FrameEntry(Strict):
 
     image: str | None = None
     depth: str | None = None
-    corners: list[Pixel | None] | None = None
+    corners: Corners | None = None
     t: Stamp | None = None
     notes: Any = None
 
@@ -202,7 +202,7 @@ class Observation(Strict):
     )
     planned: Whole | None = Field(None, description="place on the cone round the target, counted from 0")
     image: str | None = None
-    corners: list[Pixel | None] | None = None
+    corners: Corners | None = None
     frames: list[FrameEntry] = Field(default_factory=list)
     T_base_flange: Pose
     q: Joints | None = None

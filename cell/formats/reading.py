@@ -3,7 +3,7 @@
 import difflib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from cell.errors import error
 
 M = TypeVar("M", bound="Strict")
+Table = dict[str, Any]
 MAX_BYTES = 200_000_000
 
 
@@ -21,8 +22,11 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; ``FILE_MISSING``, ``FILE_UNREADABLE`` or ``DATA_INVALID`` else."""
+def read_json(path: Path, table: Callable[[Table], Table] = dict) -> dict[str, Any]:
+    """The object in a JSON file; ``FILE_MISSING``, ``FILE_UNREADABLE`` or ``DATA_INVALID`` else.
+
+    ``table`` is told of every table in it, and what it makes of it is taken.
+    """
     if not path.is_file():
         raise error("FILE_MISSING", f"{path} does not exist; give the path of a data set")
     try:
@@ -35,9 +39,11 @@ def read_json(path: Path) -> dict[str, Any]:
     if not text.strip():
         raise error("FILE_UNREADABLE", f"{path} is empty; replace it with a good copy")
     try:
-        raw = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once)
+        raw = json.loads(
+            text, parse_constant=_refuse_constant, object_pairs_hook=lambda pairs: table(_once(pairs))
+        )
         if "\\ud" in text or "\\uD" in text:  # an escape that may be half of a pair
-            json.dumps(raw, ensure_ascii=False).encode()
+            json.dumps(raw, ensure_ascii=False, default=repr).encode()
     except UnicodeEncodeError as exc:
         raise error("DATA_INVALID", f"{path} has half of a character (\\ud800 to \\udfff) in a text") from exc
     except RecursionError as exc:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.closed_form import closed_form_X
@@ -41,6 +40,8 @@ def best_offset(
     """
     start = disagreement(np.zeros(joints))
     left = np.full(joints, start)
+    from scipy.optimize import minimize_scalar  # 12 MB that a good set has no use for
+
     offsets = np.zeros(joints)
     grid = np.linspace(-MOST, MOST, _STEPS)
     for j in searched:

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from calibration.hand_eye import se3
 from calibration.kinematics.parametric import ParametricArm
@@ -154,6 +153,8 @@ def _turn(T: Array) -> float:
 
 def _order(flange: Array, F: Array) -> NDArray[np.int64]:
     """(n,) the joints that each pose is nearest to, each used once."""
+    from scipy.optimize import linear_sum_assignment  # 12 MB that a good set has no use for
+
     away = np.linalg.norm(flange[None, :, :3, 3] - F[:, None, :3, 3], axis=2)
     trace = np.einsum("kij,lij->lk", flange[:, :3, :3], F[:, :3, :3])
     cost = away + LEVER_M * np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))

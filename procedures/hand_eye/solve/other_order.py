@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.closed_form import closed_form
@@ -59,11 +58,19 @@ def _shifted(problem: Problem) -> list[Order]:
     return [rows for _, _, rows in found[:_SHIFTS]]
 
 
+def _assigned(cost: Array) -> tuple[Order, Order]:
+    """Rows and columns (k,) of the entries of least sum, one in each row and column."""
+    from scipy.optimize import linear_sum_assignment  # 12 MB that a good set has no use for
+
+    rows, columns = linear_sum_assignment(cost)
+    return rows, columns
+
+
 def _by_angles(problem: Problem) -> Order:
     """Each image gets the pose whose angles to all others are most like its own."""
     arm, camera = np.sort(angles(problem.G), axis=1), np.sort(angles(problem.C), axis=1)
     cost = np.linalg.norm(arm[None] - camera[:, None], axis=2)
-    return np.asarray(linear_sum_assignment(cost)[1], dtype=np.int64)
+    return _assigned(cost)[1]
 
 
 def _settled(problem: Problem, order: Order) -> Order:
@@ -72,7 +79,7 @@ def _settled(problem: Problem, order: Order) -> Order:
         now = replace(problem, G=problem.G[order])
         at = closed_form(now)
         cost = distances(problem, at.X, at.W)
-        better = np.asarray(linear_sum_assignment(cost)[1], dtype=np.int64)
+        better = _assigned(cost)[1]
         if np.array_equal(better, order):
             break
         order = better
@@ -108,7 +115,7 @@ def exchanged(solution: Solution) -> list[tuple[int, int]]:
     cost = distances(part, solution.at.X, W)
     return [
         (int(out[i]), int(out[k]))
-        for i, k in zip(*linear_sum_assignment(cost), strict=True)
+        for i, k in zip(*_assigned(cost), strict=True)
         if i != k and cost[i, k] < limit < cost[i, i]
     ]
 

@@ -3,7 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from calibration.adjustment.components import Components
+from calibration.adjustment.equations import Observations, Prior
 from calibration.adjustment.hand_eye import adjust
+from calibration.adjustment.jackknife import jackknife
+from calibration.adjustment.lens_terms import image_terms, target_shape
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution, solve
@@ -33,3 +37,66 @@ def test_arm_target_and_camera_do_not_shrink_together_with_the_number_of_poses()
     assert found.components.scale["geometry"] < 3.0
     off = se3.log(se3.inverse(found.X) @ cell.X)[:3]
     assert np.linalg.norm(off) < 4.0 * np.sqrt(np.trace(found.cov[:3, :3]))
+
+
+def many(n: int = 700, unknowns: int = 8, groups: int = 3) -> tuple[Observations, Prior]:
+    """More observations than are taken at once, of local poses that are not in order."""
+    rng = np.random.default_rng(7)
+    half = rng.normal(size=(n, 6, 6))
+    obs = Observations(
+        rng.normal(size=(n, 6)),
+        rng.normal(size=(n, 6, unknowns)),
+        rng.normal(size=(n, 6, 6)),
+        rng.permutation(np.arange(n) % groups),
+        (half @ np.swapaxes(half, 1, 2) + 6.0 * np.eye(6))[None],
+        np.eye(unknowns),
+        np.ones(unknowns),
+        0.0,
+        0.0,
+    )
+    return obs, Prior(np.zeros(unknowns), np.array([np.inf] * 6 + [0.5] * (unknowns - 6)), {})
+
+
+def test_equations_in_parts_are_those_of_all_observations_and_poses_at_once() -> None:
+    obs, prior = many()
+    subject = Components({"noise": 2.0}, {}, frozenset(), of_sums="noise").equations(obs, prior, np.zeros(8))
+    J = np.zeros((obs.n, 6, 8 + 6 * obs.groups))
+    J[:, :, :8] = obs.of_global
+    for k, g in enumerate(obs.group):
+        J[k, :, 8 + 6 * g : 14 + 6 * g] = obs.of_local[k]
+    P = np.linalg.inv(4.0 * obs.parts[0])
+    N = np.einsum("nia,nij,njb->ab", J, P, J, optimize=True)
+    g = np.einsum("nia,nij,nj->a", J, P, obs.r, optimize=True)
+    N[:8, :8] += obs.info / 4.0 + np.diag(prior.precision)
+    g[:8] += obs.pull / 4.0
+    x, w = subject.step()
+    np.testing.assert_allclose(np.concatenate([x, w.ravel()]), -np.linalg.solve(N, g), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(subject.covariance, np.linalg.inv(N)[:8, :8], rtol=1e-9, atol=1e-15)
+
+
+def test_leaving_out_of_many_observations_does_not_depend_on_their_order() -> None:
+    obs, prior = many()
+    order = np.argsort(obs.group, kind="stable")
+    rows = {key: getattr(obs, key)[order] for key in ("r", "of_global", "of_local", "group")}
+    sorted_ = Observations(**rows, parts=obs.parts[:, order], info=obs.info, pull=obs.pull, sse=0.0, dof=0.0)
+    noise = Components({"noise": 2.0}, {}, frozenset(), of_sums="noise")
+    one, other = (jackknife(o, noise, noise.equations(o, prior, np.zeros(8)), 6) for o in (obs, sorted_))
+    np.testing.assert_allclose(one.cov, other.cov, rtol=1e-9)
+    np.testing.assert_allclose(one.expected[order], other.expected, rtol=1e-9, atol=1e-15)
+
+
+def test_what_images_say_of_lens_and_target_is_that_of_each_by_itself() -> None:
+    rng = np.random.default_rng(1)
+    measured, _ = imperfect_cell.capture(rng, imperfect_cell.world(rng, 0.0, "exact", "exact"), "diverse")
+    views = [v for v in measured.views if v is not None]
+    C = np.stack([v.start for v in views if v.start is not None])
+    shape = target_shape(views)
+    subject = image_terms(views, C, CAMERA, shape, C @ se3.exp(np.full(6, 1e-4)))
+    assert len(views) > 128
+    for k in (0, 127, 128, len(views) - 1):
+        one = image_terms(
+            views[k : k + 1], C[k : k + 1], CAMERA, shape, C[k : k + 1] @ se3.exp(np.full(6, 1e-4))
+        )
+        np.testing.assert_allclose(subject.moves[k], one.moves[0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(subject.info[k], one.info[0], rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(subject.pull[k], one.pull[0], rtol=1e-9, atol=1e-6)
