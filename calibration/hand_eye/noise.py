@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.hand_eye.normal import Linearised, normal
 from calibration.hand_eye.problem import flange_adjoint
@@ -23,8 +22,6 @@ _FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
 _SMALLEST = 1e-7
 # A factory-calibrated arm is good to about 1 mm at 1 m of reach; what is beyond that is doubted.
 MOST = {"sigma_flange_r": 1e-3}
-REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
-_OF_PLACEMENT = 6  # poses of a placement that are kept together, or all where it has fewer
 
 
 @dataclass(frozen=True)
@@ -123,16 +120,14 @@ def inverse_spd(V: Array) -> Array:
     return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)
 
 
-def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iterations: int = 40) -> Noise:
+def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:
     """The estimated levels at their restricted maximum, starting from those of ``noise``.
 
-    ``most`` poses are looked at, None: all. ``lin`` must be near the solution: the problem is taken as
-    linear around it. The residuals of the corners inside each image enter the likelihood too.
+    ``lin`` must be near the solution: the problem is taken as linear around it. The residuals of the corners
+    inside each image enter the likelihood too.
     """
     if not noise.estimated:
         return noise
-    if most is not None and lin.problem.n > most:
-        lin = _thinned(lin, most)
     names = tuple(noise.sigma)
     parts = shapes(lin, names)
     free = np.array([k in noise.estimated for k in names])
@@ -173,7 +168,7 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
     R = P - PJ @ own @ np.swapaxes(PJ, 1, 2)
     RV = R @ (parts * square[:, None, None, None])
     trace = np.einsum("knii->k", RV)
-    quadratic = np.einsum("ni,knij,nj->k", Pr, parts, Pr, optimize=True) * square
+    quadratic = np.einsum("ni,kni->k", Pr, (parts @ Pr[..., None])[..., 0]) * square
     k = len(names)
     info = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
     score = 0.5 * (quadratic - trace)
@@ -183,25 +178,3 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
         score[i] += 0.5 * (float(problem.sse.sum()) / square[i] - dof)
         info[i, i] += 0.5 * dof
     return score, info
-
-
-def _thinned(lin: Linearised, count: int) -> Linearised:
-    """About ``count`` observations, some of every placement or all that are wanted of some placements.
-
-    One or two of a placement say nothing: its own target pose takes them up.
-    """
-    group = lin.problem.group
-    share = max(_OF_PLACEMENT, count // lin.problem.groups)
-    of_group = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
-    wanted = max(1, count // share)
-    of_group = [of_group[k] for k in _evenly(len(of_group), wanted)]
-    rows = np.sort(np.concatenate([part[_evenly(len(part), share)] for part in of_group]))
-    problem = lin.problem.take(rows)
-    kept = np.unique(lin.problem.group[rows])
-    at = type(lin.at)(lin.at.X, lin.at.W[kept])
-    return Linearised(problem, at, lin.r[rows], lin.predicted[rows], lin.J[rows])
-
-
-def _evenly(n: int, count: int) -> NDArray[np.int64]:
-    """At most ``count`` of the numbers below n, spread evenly."""
-    return np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(np.int64))

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.hand_eye.leave_out import leave_one_out, pose_distances
-from calibration.hand_eye.noise import weights
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.robust import RobustFit, robust_fit
 
@@ -30,7 +29,7 @@ def prediction_error(problem: Problem, fit: RobustFit) -> float:
 
     An observation that the solution does not use is judged by the solution.
     """
-    apart = [leave_one_out(fit.lin, weights(fit.lin, fit.noise)).t]
+    apart = [leave_one_out(fit.lin, fit.weight).t]
     groups = np.unique(problem.group[fit.used])
     rows = np.flatnonzero(~fit.used & np.isin(problem.group, groups))
     W = fit.lin.at.W[np.searchsorted(groups, problem.group[rows])]

@@ -8,24 +8,27 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
-from calibration.hand_eye.noise import REML_POSES, Noise, first_noise, reml, weights
+from calibration.hand_eye.noise import Noise, first_noise, reml, weights
 from calibration.hand_eye.normal import Linearised, linearise, minimise, squared_distances
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
 
 _TUKEY = 4.685  # 95 % efficient for normal errors
 _ROUNDS = 8
+_FEW = 200  # observations; the levels of more hardly move with the solution that they lead to
 _CHANCE = 1e-3  # of rejecting any good observation of the set
 _MEDIAN = 5.348  # median of chi-square with six degrees of freedom
 
 
 @dataclass(frozen=True)
 class RobustFit:
-    """The plain solution over ``used`` (n,) observations. ``distance`` (n,) is how far each is off, in
-    units of what its noise explains (RMS over six numbers), also for those left out."""
+    """The plain solution over ``used`` (n,) observations and their weights (k, 6, 6) at it. ``distance`` (n,)
+    is how far each is off, in units of what its noise explains (RMS over six numbers), also for those left
+    out."""
 
     lin: Linearised
     noise: Noise
+    weight: Array
     used: NDArray[np.bool_]
     distance: Array
 
@@ -41,33 +44,26 @@ def robust_fit(
     ``most``: limits of estimated noise levels, unless those of an arm in working order.
     """
     lin, noise = _tukey(problem, start or closed_form(problem), given, most)
-    squared = _squared(lin, noise)
-    used = squared < _limit(problem, squared, trusted=False)
+    squared = squared_distances(lin.r, weights(lin, noise))
+    good = squared < _limit(problem, squared, trusted=False)
     for _ in range(_ROUNDS):
-        used = _with_enough(problem, used)
+        used = _with_enough(problem, good)
         fit, noise = _plain(_restrict(lin, used), noise)
         lin = fit if used.all() else linearise(problem, _widen(problem, used, fit.at))
-        squared = _squared(lin, noise)
-        again = squared < _limit(fit.problem, squared[used], trusted=True)
-        if np.array_equal(again, used):
+        weight = weights(lin, noise)
+        squared = squared_distances(lin.r, weight)
+        good = squared < _limit(fit.problem, squared[used], trusted=True)
+        if np.array_equal(good, used):
             break
-        used = again
-    if fit.problem.n > REML_POSES:  # good enough to weight by, but the covariance is to be that of all
-        noise = reml(fit, noise, most=None)
-        fit = minimise(fit, weights(fit, noise))
-    return RobustFit(fit, noise, used, np.sqrt(squared / 6.0))
+    return RobustFit(fit, noise, weight[used], used, np.sqrt(squared / 6.0))
 
 
 def _plain(lin: Linearised, noise: Noise) -> tuple[Linearised, Noise]:
-    """Noise levels and solution of the observations in ``lin``, in turn until both agree."""
-    for _ in range(2):
+    """Noise levels and solution of the observations in ``lin``; of few in turn until both agree."""
+    for _ in range(2 if lin.problem.n <= _FEW else 1):
         noise = reml(lin, noise)
         lin = minimise(lin, weights(lin, noise))
     return lin, noise
-
-
-def _squared(lin: Linearised, noise: Noise) -> Array:
-    return squared_distances(lin.r, weights(lin, noise))
 
 
 def _limit(problem: Problem, squared: Array, trusted: bool) -> float:

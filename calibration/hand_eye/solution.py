@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
-from calibration.hand_eye.noise import Noise, weights
+from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.noise_limit import fit_within_limits
 from calibration.hand_eye.normal import Linearised, normal, squared_distances
 from calibration.hand_eye.observability import refuse
@@ -103,9 +103,8 @@ def solve(
         refusal = refuse(part.take(fit.used), given_noise.get("sigma_flange_r", 0.0))
     if refusal is not None:
         return refusal
-    P = weights(fit.lin, fit.noise)
-    excess = excess_of(fit.lin, P)
-    cov = normal(fit.lin, P).covariance()
+    excess = excess_of(fit.lin, fit.weight)
+    cov = normal(fit.lin, fit.weight).covariance()
     distance = np.full(problem.n, np.nan)
     distance[fit_rows] = fit.distance
     for i in np.flatnonzero(fit_rows & ~used):

@@ -9,10 +9,18 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.hand_eye import se3
+from calibration.hand_eye.closed_form import pairs
 from calibration.hand_eye.leave_out import leave_one_out, leave_out
 from calibration.hand_eye.noise import weights
-from calibration.hand_eye.normal import gathered, linearise, own_normal, pseudo_inverse
-from calibration.hand_eye.solution import Measurements, Solution, solve
+from calibration.hand_eye.normal import (
+    gathered,
+    linearise,
+    own_normal,
+    pseudo_inverse,
+    squared_distances,
+)
+from calibration.hand_eye.robust import robust_fit
+from calibration.hand_eye.solution import Measurements, Solution, prepare, solve
 from calibration.hand_eye.spread import placements, spread_within
 from cell.errors import InputError
 from cell.poses import to_pose6
@@ -96,6 +104,35 @@ def test_contributions_are_added_up_by_group_in_any_order() -> None:
     for k in range(5):
         assert summed.own[k] == pytest.approx(own[group == k].sum(axis=0))
         assert summed.g[k] == pytest.approx(g[group == k].sum(axis=0))
+
+
+def test_a_matrix_without_information_does_not_change_the_others() -> None:
+    half = RNG(4).normal(size=(3, 6, 6))
+    N = half @ np.swapaxes(half, 1, 2)
+    N[1, 3:] = N[1, :, 3:] = 0.0
+    found = pseudo_inverse(N)
+    for k in (0, 2):
+        assert found[k] @ N[k] == pytest.approx(np.eye(6), abs=1e-8)
+    assert found[1, :3, :3] @ N[1, :3, :3] == pytest.approx(np.eye(3), abs=1e-8)
+    assert not found[1, 3:].any()
+
+
+def test_pairs_of_groups_of_several_sizes_are_all_there_are() -> None:
+    group = np.array([2, 0, 0, 2, 3, 3, 0, 2, 3, 3, 0, 5])
+    every = {(i, j) for j in range(12) for i in range(j) if group[i] == group[j]}
+    found = [(int(i), int(j)) for i, j in zip(*pairs(group), strict=True)]
+    assert len(found) == len(every)
+    assert set(found) == every
+
+
+@pytest.mark.parametrize("groups", [1, 30])
+def test_distances_are_in_units_of_the_noise_that_all_observations_have(groups: int) -> None:
+    problem = prepare(bare(make_scene(5, count=300, groups=groups)), None)
+    subject = robust_fit(problem, {})
+    P = weights(subject.lin, subject.noise)
+    assert subject.weight == pytest.approx(P, rel=1e-9)
+    squared = squared_distances(subject.lin.r, P)
+    assert subject.distance[subject.used] == pytest.approx(np.sqrt(squared / 6.0), rel=1e-9)
 
 
 def test_a_direction_that_rounding_leaves_below_zero_has_no_information() -> None:
