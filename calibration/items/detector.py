@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from calibration.items.by_colour import away_from, belt_without_items, face_of, silhouette, stands_out
 from calibration.items.face import face_in_colour, filled, height_sigma, mostly, spread, without_holes
+from calibration.items.middle import median
 from calibration.items.rim import measured_rim
 from calibration.items.shape import Outline, outline
 from cell.devices import Intrinsics, ItemView
@@ -121,7 +122,7 @@ class ItemDetector:
         coarse = depth[::_COARSE, ::_COARSE]
         height = self._heights(coarse, self._slope)[(coarse > 0) & self._inside]
         near = height[np.abs(height) < _LEVEL_M]
-        return float(np.median(near)) if len(near) > _FEWEST_PX else 0.0
+        return float(median(near)) if len(near) > _FEWEST_PX else 0.0
 
     def _candidates(self, depth: Depth, level: float) -> Iterator[tuple[int, int, int, int]]:
         """Boxes x0, y0, x1, y1 (px) around what stands out."""
@@ -162,7 +163,7 @@ class ItemDetector:
         inner &= window > 0
         if inner.sum() < _FEWEST_PX:
             return None
-        inner &= np.abs(height - float(np.median(height[inner]))) < band
+        inner &= np.abs(height - float(median(height[inner]))) < band
         top = float(np.mean(height[inner])) - self._beside(height, window > 0, mostly(valid) | face)
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
@@ -218,7 +219,7 @@ class ItemDetector:
         belt = height[seen & clear & (np.abs(height) < _LEVEL_M)]
         if len(belt) <= _FEWEST_PX:
             return 0.0
-        middle = float(np.median(belt))
+        middle = float(median(belt))
         near = np.abs(belt - middle) < max(0.5 * self.spec.min_height_m, _BAND_SIGMAS * spread(belt))
         return float(np.mean(belt[near]))
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.items.middle import median
 from cell.poses import Array
 
 Mask = NDArray[np.bool_]
@@ -42,7 +43,7 @@ def without_holes(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 def spread(heights: Array) -> float:
     """Standard deviation of ``heights`` (n,), m, whatever a few of them are."""
-    return 1.4826 * float(np.median(np.abs(heights - np.median(heights)))) if len(heights) else 0.0
+    return 1.4826 * float(median(np.abs(heights - median(heights)))) if len(heights) else 0.0
 
 
 def mostly(mask: Mask, near_px: int = 17) -> Mask:
@@ -76,14 +77,14 @@ def face_in_colour(
     if core.sum() < _FEWEST_PX or belt.sum() < _FEWEST_PX:
         return face
     smooth = cv2.GaussianBlur(colour, (3, 3), 0).astype(np.float32)
-    own, other = np.median(smooth[core], axis=0), np.median(smooth[belt], axis=0)
+    own, other = median(smooth[core].T), median(smooth[belt].T)
     way = other - own
     contrast = float(np.linalg.norm(way))
     if contrast < _LEAST_CONTRAST:
         return face
     gone = (smooth - own) @ (way / contrast)
     aside = np.linalg.norm(smooth - own - gone[..., None] * (way / contrast), axis=2)
-    varies = 1.4826 * float(np.median(np.linalg.norm(smooth[core] - own, axis=1)))
+    varies = 1.4826 * float(median(np.linalg.norm(smooth[core] - own, axis=1)))
     most = min(_OF_THE_WAY * contrast, max(_LEAST_CONTRAST, _SIGMAS * varies))
     alike = (gone < most) & (aside < most)
     alike &= ~mostly(lower, _SIDE_PX) & ~mostly(level_with & ~face, _SIDE_PX)

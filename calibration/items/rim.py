@@ -8,12 +8,21 @@ smear longer than the profile is seen only in part, and then the edge is the les
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.items.silhouette import Sides, sides_of, straightened, strip_widths, with_corners
+from calibration.items.middle import median
+from calibration.items.silhouette import (
+    Sides,
+    numbers_of,
+    sides_of,
+    straightened,
+    strip_widths,
+    with_corners,
+)
 from calibration.items.strip import Shade, about_middle, blur_of, shade_of, smear_of
 from cell.poses import Array
 
@@ -36,6 +45,7 @@ _UNSEEN_PX = 1.5  # of a rim that colour does not show: where depth has it
 _UNSEEN_SIDE_PX = 5.0  # of a whole side: depth is fat there, or a hole has cut it off
 _SEEN_SHARE = 0.3  # of a side's points, that make it one that colour shows
 _WIDTH_PX = 0.15  # of a strip's width, by errors of height and attitude
+_DIRECTIONS = 8
 _SYSTEMATIC_PX = 0.15  # of each side, on drawn boxes
 _WHOLE_PX, _SMEARED = 5.0, 0.35  # a smear that a profile holds; the error by each pixel that it is longer
 
@@ -61,10 +71,11 @@ def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], foot: Foot)
     if not contours:
         return None
     contour = max(contours, key=len)[:, 0, :].astype(float)
+    picture = colour.astype(np.float32)
     found: Rim | None = None
     # From depth's rim first, which bulges where a side was taken for the top; then from what that came to.
     for _ in range(_ROUNDS):
-        found = _moved(colour, contour, foot)
+        found = _moved(picture, contour, foot)
         if found is None:
             return None
         if found.moved_px < _SETTLED_PX:
@@ -73,7 +84,7 @@ def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], foot: Foot)
     return found
 
 
-def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
+def _moved(picture: NDArray[np.float32], contour: Array, foot: Foot) -> Rim | None:
     """A closed ``contour`` (k, 2) px moved to the edge of the face."""
     start, normal = _evenly(contour)
     corner = _corners(normal)
@@ -83,10 +94,10 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     wide = _each_side(full, sides) > _WIDE
     side = np.where(wide, 0.0, full)
     s = np.arange(-_INWARD, _OUTWARD + float(side.max()) + 1e-9, _STEP)
-    seen = _profiles(colour, start, normal, np.broadcast_to(s, (len(start), len(s))))
+    seen = _profiles(picture, start, normal, np.broadcast_to(s, (len(start), len(s))))
     own = _steady(np.mean(seen[:, s <= -_OWN], axis=1))
-    there = _profiles(colour, start, normal, full[:, None] + np.arange(_BEYOND, _OUTWARD + 0.1, 0.5))
-    belt = np.median(there.reshape(-1, 3), axis=0)
+    there = _profiles(picture, start, normal, full[:, None] + np.arange(_BEYOND, _OUTWARD + 0.1, 0.5))
+    belt = median(there.reshape(-1, 3).T)
     # Past a wide strip the belt is far away; what is beside the face then is the strip.
     next_to = _steady(np.mean(seen[:, (s >= _BEYOND) & (s <= _OUTWARD)], axis=1))
     beyond = np.where(wide[:, None], next_to, belt)
@@ -103,13 +114,13 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     everywhere = np.interp(np.arange(len(shift)), np.flatnonzero(good), shift[good], period=len(shift))
     smooth = _around(everywhere, 3.0)
     off = shift - smooth
-    spread = 1.4826 * float(np.median(np.abs(off[good]))) + 0.02
+    spread = 1.4826 * float(median(np.abs(off[good]))) + 0.02
     shift = np.where(good & (np.abs(off) < 4.0 * spread), shift, smooth)
     points = start + shift[:, None] * normal
     strip = np.where(side > _HIDDEN, np.hypot(side * doubt, _WIDTH_PX * (1.0 - shade)), 0.0)
     cut = np.hypot(_SYSTEMATIC_PX, _SMEARED * np.maximum(smear - _WHOLE_PX, 0.0))
     unsure = np.where(good | corner, np.hypot(strip, cut), _UNSEEN_PX)
-    for k in np.unique(sides[sides >= 0]):
+    for k in numbers_of(sides):
         if np.mean(good[sides == k]) < _SEEN_SHARE:
             unsure[sides == k] = _UNSEEN_SIDE_PX
     moved = float(np.sqrt(np.mean(shift[good] ** 2)))
@@ -118,11 +129,11 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     return Rim(with_corners(*straightened(points, normal, sides), sides), sigma_px, moved)
 
 
-def _profiles(colour: NDArray[np.uint8], start: Array, normal: Array, s: Array) -> Array:
+def _profiles(picture: NDArray[np.float32], start: Array, normal: Array, s: Array) -> Array:
     """Colours (n, k, 3) at ``s`` (n, k) px outward from ``start`` (n, 2)."""
     where = (start[:, None, :] + s[..., None] * normal[:, None, :]).astype(np.float32)
     seen: Array = cv2.remap(
-        colour.astype(np.float32),
+        picture,
         where[..., 0],
         where[..., 1],
         cv2.INTER_LINEAR,
@@ -148,8 +159,8 @@ def _middle(s: Array, rise: Array, side: Array) -> tuple[Array, Array]:
 def _each_side(values: Array, sides: Sides) -> Array:
     """``values`` (n,) with those of one side replaced by their median."""
     out = values.copy()
-    for k in np.unique(sides[sides >= 0]):
-        out[sides == k] = np.median(values[sides == k])
+    for k in numbers_of(sides):
+        out[sides == k] = median(values[sides == k])
     return out
 
 
@@ -162,7 +173,7 @@ def _shades(
     Sides that are not seen show blur and smear, which are the same on the side across.
     """
     shade, doubt, smear = np.zeros((3, len(side)))
-    widths = {int(k): float(np.max(side[sides == k])) for k in np.unique(sides[sides >= 0])}
+    widths = {k: float(np.max(side[sides == k])) for k in numbers_of(sides)}
     blurs: list[tuple[Array, float, float]] = []
     for k, width in sorted(widths.items(), key=lambda pair: pair[1]):
         own = sides == k
@@ -175,7 +186,7 @@ def _shades(
             smear[own] = blurs[-1][2]
         else:
             broad = own & (side > _BROAD * width)  # at its end a strip may be cut
-            usual = float(np.median(side[broad]))
+            usual = float(median(side[broad]))
             profile = about_middle(s, rise[broad], middle[broad], usual)
             found = shade_of(profile, usual, across[0][0] if across else None)
             smear[own] = across[0][1] if across else 0.0
@@ -202,16 +213,16 @@ def _sigma(points: Array, normal: Array, unsure: Array, sides: Sides, spread: fl
     length = 0.5 * np.linalg.norm(after - np.roll(points, 1, axis=0), axis=1)
     pull = (points - centre) * (length / abs(area))[:, None]
     cov = 2.0 * spread**2 * pull.T @ pull
-    _, cluster = np.unique(np.where(sides < 0, -1 - _direction(normal), sides), return_inverse=True)
-    for k in range(int(cluster.max()) + 1):
-        moved = np.sum((pull * unsure[:, None])[cluster == k], axis=0)
-        cov += np.outer(moved, moved)
+    whole = np.where(sides < 0, _direction(normal), _DIRECTIONS + sides)
+    moved = [np.bincount(whole, weights) for weights in (pull * unsure[:, None]).T]
+    cov += np.inner(moved, moved)
     return float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))
 
 
 def _direction(normal: Array) -> NDArray[np.int64]:
     """Which of eight ways each normal (n, 2) points."""
-    return np.asarray(np.round(np.arctan2(normal[:, 1], normal[:, 0]) * 4.0 / np.pi), dtype=np.int64) % 8
+    turn = np.arctan2(normal[:, 1], normal[:, 0]) / (2.0 * np.pi)
+    return np.asarray(np.round(turn * _DIRECTIONS), dtype=np.int64) % _DIRECTIONS
 
 
 def _evenly(contour: Array) -> tuple[Array, Array]:
@@ -226,7 +237,7 @@ def _evenly(contour: Array) -> tuple[Array, Array]:
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
     outward = np.sum(normal * (points - points.mean(axis=0)), axis=1)
-    return points, normal if np.median(outward) > 0.0 else -normal
+    return points, normal if median(outward) > 0.0 else -normal
 
 
 def _corners(normal: Array) -> NDArray[np.bool_]:
@@ -242,8 +253,15 @@ def _steady(colours: Array) -> Array:
 
 def _around(values: Array, sigma: float) -> Array:
     """``values`` (n,) of a closed curve, smoothed by a Gaussian of ``sigma`` points."""
+    kernel = _gaussian(sigma)
+    reach = len(kernel) // 2
+    padded = np.concatenate([values[-reach:], values, values[:reach]])
+    out: Array = np.convolve(padded, kernel, mode="valid")
+    return out
+
+
+@cache
+def _gaussian(sigma: float) -> Array:
     k = np.arange(-int(3 * sigma) - 1, int(3 * sigma) + 2)
     kernel = np.exp(-0.5 * (k / sigma) ** 2)
-    padded = np.concatenate([values[k[0] :], values, values[: k[-1]]])
-    out: Array = np.convolve(padded, kernel / kernel.sum(), mode="valid")
-    return out
+    return np.asarray(kernel / kernel.sum())

@@ -5,6 +5,7 @@ side, the foot is moved far along the rim, so the strip that is seen beside it i
 its width is that to the edge of the whole silhouette, the hull of rim and foot.
 """
 
+import math
 from collections.abc import Callable
 
 import cv2
@@ -28,14 +29,20 @@ def sides_of(normal: Array, apart: NDArray[np.bool_]) -> Sides:
     number = np.full(len(normal), -1, dtype=np.int64)
     first, made = -1, -1
     begin = int(np.argmax(apart))  # a side must not be cut where the numbering begins
-    for i in (np.arange(len(normal)) + begin) % len(normal):
-        if apart[i]:
+    x, y, none = normal[:, 0].tolist(), normal[:, 1].tolist(), apart.tolist()
+    for i in ((np.arange(len(normal)) + begin) % len(normal)).tolist():
+        if none[i]:
             first = -1
             continue
-        if first < 0 or normal[i] @ normal[first] < _SAME_SIDE:
-            first, made = int(i), made + 1
+        if first < 0 or x[i] * x[first] + y[i] * y[first] < _SAME_SIDE:
+            first, made = i, made + 1
         number[i] = made
     return number
+
+
+def numbers_of(sides: Sides) -> list[int]:
+    """The numbers that are in ``sides`` (n,), in order."""
+    return np.flatnonzero(np.bincount(sides[sides >= 0])).tolist()
 
 
 def straightened(points: Array, normal: Array, sides: Sides) -> tuple[Array, Array]:
@@ -44,20 +51,20 @@ def straightened(points: Array, normal: Array, sides: Sides) -> tuple[Array, Arr
     A normal that is off by a hundredth has the width of a strip wrong by tenths of a pixel.
     """
     p_out, n_out = points.copy(), normal.copy()
-    for k in np.unique(sides[sides >= 0]):
+    for k in numbers_of(sides):
         own = np.flatnonzero(sides == k)
         if len(own) < _FEW:
             continue
-        way = np.mean(normal[own], axis=0)
-        way /= np.linalg.norm(way)
+        way = normal[own].sum(axis=0)
+        way /= math.hypot(*way.tolist())
         along = np.array([-way[1], way[0]])
-        middle = points[own].mean(axis=0)
-        x, y = (points[own] - middle) @ along, (points[own] - middle) @ way
+        middle = points[own].sum(axis=0) / len(own)
+        x, y = np.stack([along, way]) @ (points[own] - middle).T
         curve, slope = _line(x, y)
-        if np.sqrt(np.mean((y - curve) ** 2)) > _BOWED_PX:
+        off = y - curve
+        if math.sqrt(float(off @ off) / len(own)) > _BOWED_PX:
             curve, slope = _bow(x, y)
-        tilted = way - slope[:, None] * along
-        n_out[own] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+        n_out[own] = (way - slope[:, None] * along) / np.sqrt(1.0 + slope**2)[:, None]
         p_out[own] = middle + x[:, None] * along + curve[:, None] * way
     return p_out, n_out
 
@@ -82,23 +89,29 @@ def with_corners(points: Array, normal: Array, sides: Sides) -> Array:
     known = np.flatnonzero(sides >= 0)
     if not len(known):
         return points
-    out, before = list[Array](), known[-1]
-    for here in known:
-        if sides[here] != sides[before]:
-            corner = _crossing(points[before], normal[before], points[here], normal[here])
-            between = np.arange(before + 1, here if here > before else here + len(points)) % len(points)
-            out.append(points[between] if corner is None else corner[None, :])
-        out.append(points[here][None, :])
-        before = here
+    of = sides[known]
+    begins = np.flatnonzero(of != np.roll(of, 1)).tolist()
+    out = [points[known[: begins[0] if begins else None]]]
+    for k, end in zip(begins, [*begins[1:], len(known)], strict=True):
+        here, before = int(known[k]), int(known[k - 1])
+        corner = _crossing(points[before], normal[before], points[here], normal[here])
+        between = np.arange(before + 1, here if here > before else here + len(points)) % len(points)
+        out.append(points[between] if corner is None else corner[None, :])
+        out.append(points[known[k:end]])
     return np.concatenate(out)
 
 
 def _crossing(p: Array, n: Array, q: Array, m: Array) -> Array | None:
     # Opposite sides may follow each other where one between them is hidden: they do not cross.
-    if float(n @ m) > _TURNS or abs(n[0] * m[1] - n[1] * m[0]) < _PARALLEL:
+    (a, b), (c, d) = n.tolist(), m.tolist()
+    sine = a * d - b * c
+    if a * c + b * d > _TURNS or abs(sine) < _PARALLEL:
         return None
-    corner = np.linalg.solve(np.stack([n, m]), np.array([n @ p, m @ q]))
-    return corner if np.linalg.norm(corner - 0.5 * (p + q)) < _CORNER_PX else None
+    (u, v), (x, y) = p.tolist(), q.tolist()
+    first, second = a * u + b * v, c * x + d * y
+    corner = (first * d - second * b) / sine, (second * a - first * c) / sine
+    away = math.hypot(corner[0] - 0.5 * (u + x), corner[1] - 0.5 * (v + y))
+    return np.array(corner) if away < _CORNER_PX else None
 
 
 def strip_widths(

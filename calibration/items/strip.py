@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from calibration.items.middle import median
 from cell.poses import Array
 
 _GRID = 0.05
@@ -51,7 +52,10 @@ def _weighed(shades: Array, profile: Array, width: float, blur_px: float | None)
     u = _places(width)
     blurs = _BLURS if blur_px is None else blur_px + _NEAR
     a, b = shades[:, None, None], blurs[None, :, None]
-    model = a * ndtr((u + width * (1.0 - a)) / b) + (1.0 - a) * ndtr((u - width * a) / b)
+    second = ndtr((u - width * a) / b)
+    # Shades and places on both sides of their middles: the first step is the second of the opposite shade.
+    first = 1.0 - second[::-1, :, ::-1] if shades is _SHADES else ndtr((u + width * (1.0 - a)) / b)
+    model = a * first + (1.0 - a) * second
     misfit = np.sum((model - profile) ** 2, axis=2)
     noise = max(float(misfit.min()) / len(u), _NOISE**2)
     cost = 0.5 * _INDEPENDENT * (misfit - misfit.min()) / noise
@@ -88,7 +92,7 @@ def about_middle(s: Array, rise: Array, middle: Array, width: float) -> Array:
     part = at - low
     rows = np.arange(len(rise))[:, None]
     every = (1.0 - part) * rise[rows, low] + part * rise[rows, low + 1]
-    return np.asarray(np.median(every, axis=0))
+    return median(every.T)
 
 
 def _places(width: float) -> Array:
