@@ -96,7 +96,7 @@ def _copy(connection: sqlite3.Connection, copy: Path) -> None:
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
-    """A connection that changes nothing; ``FILE_UNREADABLE`` when there is no ledger that can be read.
+    """A connection that changes nothing; ``LEDGER_DAMAGED``, or ``FILE_UNREADABLE`` when it cannot be opened.
 
     The file may be a running daemon's: whoever only looks must not set it aside.
     """
@@ -109,16 +109,24 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
             connection.execute(f"CREATE TEMP VIEW calibrations AS SELECT *, {columns} FROM main.calibrations")
     except sqlite3.Error as exc:
         connection.close()
-        raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
+        raise error("LEDGER_DAMAGED" if _damaged(exc) else "FILE_UNREADABLE", f"{path}: {exc}") from exc
     return connection
 
 
 def disk_error(path: Path, exc: sqlite3.Error) -> CellError:
-    """SQLite's complaint as a coded error: about the disk, or about what this program asked for."""
+    """SQLite's complaint as a coded error: about the file, the disk, or what this program asked for."""
+    if _damaged(exc):
+        return error("LEDGER_DAMAGED", f"{path}: {exc}")
     if isinstance(exc, sqlite3.IntegrityError | sqlite3.ProgrammingError | sqlite3.InterfaceError):
         return error("INTERNAL", f"{path}: {exc}")
     full = getattr(exc, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
     return error("DISK_FULL" if full else "DISK_FAILED", f"{path}: {exc}")
+
+
+def _damaged(exc: sqlite3.Error) -> bool:
+    """Whether the content of the file is what it complains of."""
+    code = getattr(exc, "sqlite_errorcode", 0) & 0xFF  # the rest says more closely where
+    return code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -56,7 +56,7 @@ class Ledger(Records):
 
         What the copy beside it holds comes back then, and also where the file is missing. A new ledger goes
         on numbering behind the folders in ``runs`` beside it. With ``read_only`` nothing is made or set
-        aside: ``FILE_UNREADABLE`` instead.
+        aside: ``LEDGER_DAMAGED`` or ``FILE_UNREADABLE`` instead.
         """
         self._configured: dict[str, Any] = {}
         if read_only:

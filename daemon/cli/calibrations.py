@@ -4,8 +4,9 @@ from typing import Annotated, Any
 
 import typer
 
+from cell.errors import error
 from daemon.cli.jobs import connect
-from daemon.cli.options import ConfigOption, JsonOption, cell_paths
+from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import out_json, out_table, say
 from daemon.cli.value_text import in_a_list, value_text
 from procedures.kinematics_in_use import in_words
@@ -48,6 +49,8 @@ def results(
             damage = ledger.damage()
         finally:
             ledger.close()
+    else:
+        _refuse_a_lost_ledger(paths)
     if damage is not None:
         from daemon.state_folder import damage_text
 
@@ -72,6 +75,16 @@ def results(
         out_table(columns, (_row(entry) for entry in found), give_way=("value", "made with", "why"))
         if waiting := [entry for entry in found if entry["state"] == "proposed"]:
             say(f"To decide: cellward accept {waiting[0]['id']}, or cellward reject {waiting[0]['id']}.")
+
+
+def _refuse_a_lost_ledger(paths: CellPaths) -> None:
+    """``LEDGER_DAMAGED`` where none is in place and its copy says that there was one."""
+    from cell.store.calibration_copy import FILE, holds_rows
+
+    if holds_rows(paths.state_dir):
+        raise error(
+            "LEDGER_DAMAGED", f"there is no {paths.ledger}, and {FILE} beside it has committed calibrations"
+        )
 
 
 def _row(entry: dict[str, Any]) -> list[Any]:

@@ -94,7 +94,7 @@ def needed_runs(paths: CellPaths) -> dict[int, str]:
     """The runs that calibrations rest on, by number with the calibration's name.
 
     ``NOT_NOW`` while a damaged ledger has not been acknowledged, for then this cannot be known;
-    ``FILE_UNREADABLE`` where runs have no ledger.
+    ``LEDGER_DAMAGED``, or ``FILE_UNREADABLE`` where runs have no ledger.
     """
     if not paths.ledger.exists() and not any(paths.runs.glob("*")):
         return {}

@@ -48,7 +48,7 @@ def test_looking_at_a_ledger_changes_nothing_even_at_a_corrupt_one(tmp_path: Pat
     path.write_bytes(b"no database" * 1000)
     with pytest.raises(CellError) as refusal:
         Ledger(path, read_only=True)
-    assert refusal.value.name == "FILE_UNREADABLE"
+    assert refusal.value.name == "LEDGER_DAMAGED"
     assert path.read_bytes().startswith(b"no database")
 
 
@@ -359,7 +359,8 @@ def test_a_ledger_that_is_damaged_while_it_is_open_refuses_with_a_code(subject: 
     ):
         with pytest.raises(CellError, match=r"ledger\.sqlite: ") as refused:
             call()
-        assert refused.value.name == "DISK_FAILED"
+        assert refused.value.name == "LEDGER_DAMAGED"
+        assert "cellward recover" in refused.value.hint
 
 
 def test_a_number_that_is_entered_twice_is_refused_with_a_code(subject: Ledger) -> None:

@@ -34,6 +34,12 @@ def tear(path: Path) -> None:
     path.write_bytes(data[:-4096] + b"\xff" * 4096)
 
 
+def spoil_tables(path: Path) -> None:
+    """What is in them; the first page, which lists them, is whole."""
+    data = path.read_bytes()
+    path.write_bytes(data[:4096] + b"\xff" * (len(data) - 4096))
+
+
 DAMAGES: dict[str, Callable[[Path], object]] = {
     "garbage": lambda path: path.write_bytes(b"\xff" * 20_000),
     "missing": Path.unlink,
@@ -59,6 +65,29 @@ def test_what_was_committed_comes_back_and_what_is_lost_is_said(
     ledger = Ledger(cell.state / "ledger.sqlite")
     assert ledger.rollback(NAME, "anna")["value"] == [0.1] * 6
     ledger.close()
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (DAMAGES["garbage"], ("results",)),
+        (DAMAGES["missing"], ("results",)),
+        (spoil_tables, ("results",)),
+        (spoil_tables, ("audit",)),
+        (spoil_tables, ("prune", "--runs", "1", "--yes")),
+    ],
+    ids=["garbage", "missing", "tables", "audit", "prune"],
+)
+def test_who_meets_a_lost_ledger_is_told_what_brings_it_back(
+    cell: CellOnDisk, subject: CommandLine, damage: Callable[[Path], object], words: tuple[str, ...]
+) -> None:
+    damage(cell.state / "ledger.sqlite")
+    done = subject(*words)
+    assert (done.code, done.out) == (3, "")
+    assert "The ledger is damaged or missing" in done.err
+    assert "cellward recover" in done.err
+    subject("recover")
+    assert f"{NAME} " in subject("results").out
 
 
 def test_an_intact_ledger_is_left_as_it_is(cell: CellOnDisk, subject: CommandLine) -> None:
