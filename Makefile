@@ -5,12 +5,13 @@ PYTHON ?= $(or $(wildcard $(VENV)/bin/python),$(shell for p in python3.11 python
 	$$p -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $$p && break; done),python3)
 
 define CHECK_PYTHON
-import importlib.util, os, sys
+import sys
 version = "{}.{}".format(*sys.version_info[:2])
 if sys.version_info[:2] < (3, 11):
     sys.exit("Cellward runs on Python 3.11 and 3.12, not on " + version + ", which lacks what it uses of the standard library: install one of them, or name it: make PYTHON=/path/to/python3.12")
 if sys.version_info[:2] > (3, 12):
     sys.exit("Cellward runs on Python 3.11 and 3.12, not on " + version + ", for which ur-rtde has no wheel: install one of them, or name it: make PYTHON=/path/to/python3.12")
+import importlib.util, os
 missing = [m for m in ("venv", "ensurepip") if importlib.util.find_spec(m) is None]
 if missing and not os.path.exists("$(VENV)/bin/python"):
     sys.exit("Python " + version + " has no module " + missing[0] + ", which make needs for its venv: install it (on Debian and Ubuntu: apt-get install python" + version + "-venv)")

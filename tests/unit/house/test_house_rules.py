@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -81,6 +82,23 @@ def test_the_package_permits_the_versions_of_python_that_make_takes() -> None:
     (below,) = re.findall(r"version_info\[:2\] < \(3, (\d+)\)", makefile)
     (above,) = re.findall(r"version_info\[:2\] > \(3, (\d+)\)", makefile)
     assert [f"3.{minor}" for minor in range(int(below), int(above) + 1)] == takes
+
+
+def test_a_python_that_lacks_what_make_asks_with_is_refused_in_a_sentence() -> None:
+    (question,) = re.findall(
+        r"define CHECK_PYTHON\n(.*?)endef", (ROOT / "Makefile").read_text("utf-8"), re.DOTALL
+    )
+
+    class Old:
+        version_info = (2, 7, 18, "final", 0)
+        exit = sys.exit
+
+    def only_sys(name: str, *_: object) -> type:
+        assert name == "sys", f"python 2 has no {name}"
+        return Old
+
+    with pytest.raises(SystemExit, match=r"on Python 3\.11 and 3\.12, not on 2\.7"):
+        exec(question, {"__builtins__": {"__import__": only_sys}})
 
 
 def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:
