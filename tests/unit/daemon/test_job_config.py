@@ -35,6 +35,11 @@ def test_a_length_in_millimetres_is_refused_as_in_the_configuration(tmp_path: Pa
     assert "Input should" not in found
 
 
+def test_a_number_that_no_cell_has_is_refused_with_what_is_permitted(tmp_path: Path) -> None:
+    found = str(refusal(LaserCheck, tmp_path, tolerance_m="1e308"))
+    assert "tolerance_m: should be a finite number of at most 1e+300, not 1e+308" in found
+
+
 @pytest.mark.parametrize("job", [LaserCheck, LaserUpdate, LatencyCalibration])
 def test_what_the_section_does_not_give_is_taken_from_that_of_the_reference(
     job: type[Procedure], tmp_path: Path
