@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from scipy.special import chdtri
+
 # 95 % limits of a length in space, of a direction and of one number, widened to 99.73 %: quantiles of
 # chi-square with 3, 2 and 1 degrees of freedom.
 SURE_POINT = 1.346
 SURE_TILT = 1.405
 SURE_SCALAR = 1.531
+_STATED, _SURE = 0.05, 0.0027  # of good results that a limit at 95 %, and at 99.73 %, leaves outside
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,17 @@ class Judged:
     off: str
     inside95: bool | None = None
     of95: Mapping[str, float] = field(default_factory=dict)
+
+
+def limit_of_worst(n: int, degrees: int = 3, *, sure: bool = False) -> float:
+    """What the worst of ``n`` normal errors stays below in 95 % of all good results (99.73 % where ``sure``),
+    in units of the 95 % limit of each, which is of ``degrees`` numbers.
+
+    Of each a share of 0.05 / n may be beyond (Bonferroni). That is so whatever the errors have in common;
+    where they are independent, it is 95.1 % at most and not 95 %.
+    """
+    beyond = _SURE if sure else _STATED
+    return float(np.sqrt(chdtri(degrees, beyond / n) / chdtri(degrees, _STATED)))
 
 
 def all_inside(of95: Mapping[str, float]) -> bool | None:

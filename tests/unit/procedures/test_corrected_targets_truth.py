@@ -93,6 +93,27 @@ def test_a_target_that_is_further_off_than_stated_disagrees(truth: dict[str, Any
     assert "NOT consistent with what is stated" in subject.text
 
 
+def test_one_of_many_targets_beyond_its_own_limit_is_no_finding(
+    truth: dict[str, Any], tmp_path: Path
+) -> None:
+    """Of eight arrivals that each keep their 95 % the worst is beyond its own in a third of all good runs."""
+    run_of(tmp_path, truth)
+    found = solve_targets(tmp_path / "corrected-targets.json", None)
+    target = found.result.targets[0]
+    assert target.after is not None
+    assert target.after.error_95_m is not None
+    own, worst = np.array(target.after.error), target.after.error_95_m
+    (where,) = [float(v) for v in judge_targets(found, truth, tmp_path).of95.values()]
+    assert where < 1.0
+    inside = []
+    for share in (1.15, 1.5):
+        target.after.error[2] = float(own[2]) + share * worst
+        subject = judge_targets(found, truth, tmp_path)
+        assert list(subject.of95) == ["the worst of 8 arrivals"]
+        inside.append(subject.inside95)
+    assert inside == [True, False]
+
+
 def test_an_arm_that_went_elsewhere_disagrees(truth: dict[str, Any], tmp_path: Path) -> None:
     run_of(tmp_path, truth)
     truth["observed"]["parameters"]["a2"] += 0.0005
