@@ -84,17 +84,25 @@ class AxbcArrival(Strict):
 class AxbcDriven(Strict):
     """Targets that the arm was driven to after the answer; nothing is solved from them.
 
-    ``way``: by what ``corrected`` was made; ``lost`` says in words what was not measured.
+    ``way``: by what ``corrected`` was made; ``lost`` says in words what was not measured, ``stands`` where
+    the arm was left when it could not go back. Each target is seen once in each way.
     """
 
     way: Literal["none", "constant", "model"]
     targets: Annotated[list[AxbcTarget], Field(max_length=QUERIES)]
     arrivals: Annotated[list[AxbcArrival], Field(max_length=OBSERVATIONS)]
     lost: list[str] = Field(default_factory=list)
+    stands: str | None = None
 
     @model_validator(mode="after")
     def _arrivals_have_a_target(self) -> "AxbcDriven":
+        first: dict[tuple[int, How], int] = {}
         for k, arrival in enumerate(self.arrivals):
+            if (before := first.setdefault((arrival.target, arrival.how), k)) != k:
+                raise ValueError(
+                    f"(arrivals[{k}]) is of target {arrival.target}, '{arrival.how}', as arrivals[{before}] "
+                    "is; leave out one of the two"
+                )
             if arrival.target >= len(self.targets):
                 raise ValueError(
                     f"(arrivals[{k}].target) is {arrival.target}; the last one is {len(self.targets) - 1}"

@@ -1,6 +1,7 @@
 """What the camera saw at targets that the arm was driven to after the answer."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from scipy.special import chdtri
 
 from calibration.adjustment.hand_eye import LaterPoses, later_poses
 from calibration.hand_eye import se3
+from cell.errors import error
 from cell.formats.axbc import AxbcArrival, AxbcDriven
 from cell.poses import Array, adjoint, from_pose6
 from procedures.eye_to_hand.result import DrivenTarget, DrivenTargets, SeenAtTarget
@@ -17,7 +19,7 @@ from procedures.eye_to_hand.words import gain_text, move_text
 from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.solver import measurements
 
-LOST, NOT_BETTER = "targets.lost", "targets.not-better"
+LOST, NOT_BETTER, NOT_RETURNED = "targets.lost", "targets.not-better", "targets.not-returned"
 _RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))  # of a normal 3-vector, in its largest standard deviation
 _SURE = 2.0  # standard deviations by which the squared distances must be less
 _MEANING = (
@@ -92,7 +94,10 @@ def driven_targets(data: AxbcData, found: Found) -> DrivenTargets | None:
         for row, a in enumerate(driven.arrivals)
         if row in arrived.unusable
     ]
-    out = DrivenTargets(way=driven.way, targets=targets, meaning=_MEANING, lost=[*driven.lost, *unseen])
+    lost = [*driven.lost, *unseen]
+    out = DrivenTargets(way=driven.way, targets=targets, meaning=_MEANING, lost=lost)
+    if driven.stands is not None:
+        out = out.changed(stands=driven.stands)
     if off is None or not len(pairs := off.pairs()):
         return out
     gain, sigma = off.gain(pairs)
@@ -107,6 +112,8 @@ def driven_warnings(driven: DrivenTargets) -> list[tuple[str, str]]:
     out = []
     if driven.lost:
         out.append((LOST, f"not all targets could be measured: {'; '.join(driven.lost)}"))
+    if driven.stands is not None:
+        out.append((NOT_RETURNED, driven.stands))
     if driven.better is False:
         out.append((NOT_BETTER, gain_text(driven)))
     return out
@@ -163,10 +170,26 @@ def _repeats(found: Found, there: Array) -> Array:
     return t**2 * np.eye(3) + r**2 * lever @ lever.swapaxes(1, 2)
 
 
+def require_one_kind(path: Path, arrived: CaptureSet, with_views: bool) -> None:
+    """``DATA_INVALID`` for an arrival that was not measured as the observations were: from bare poses the
+    errors of lens and print are unknown, which would state too small an uncertainty."""
+    kinds = ("corners or images", "a bare T_camera_marker")
+    for row in arrived.usable().tolist():
+        has_view = arrived.views[row] is not None
+        if has_view == with_views:
+            continue
+        own, theirs = kinds if has_view else kinds[::-1]
+        raise error(
+            "DATA_INVALID",
+            f"{path}: driven.arrivals[{row}].seen has {own} and the observations have {theirs}; give "
+            f"{theirs} there too, or leave the arrival out",
+        )
+
+
 def _measured(found: Found, arrived: CaptureSet, rows: NDArray[np.int64], near: Array) -> LaterPoses:
     measured = measurements(arrived, rows)
     views = [view for view in measured.views if view is not None]
-    if found.images is not None and len(views) == len(rows):
+    if found.images is not None:
         return later_poses(found.images, views, near, measured.motions)
     sigma = [found.solution.noise.sigma.get(key, 0.0) for key in ("sigma_pose_t", "sigma_pose_r")]
     # The noise of a bare pose is told for its own frame.

@@ -44,7 +44,7 @@ from procedures.eye_to_hand.solve.answer import (
 )
 from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
-from procedures.eye_to_hand.solve.driven import driven_targets, driven_warnings
+from procedures.eye_to_hand.solve.driven import driven_targets, driven_warnings, require_one_kind
 from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
@@ -87,6 +87,8 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     arm_of = given_arm(loaded, rows)
     measured = measurements(loaded, rows)
     _one_kind(loaded.path, measured)
+    if data.arrived is not None:
+        require_one_kind(loaded.path, data.arrived, measured.views[0] is not None)
     known = _known(data, camera, arm_of[0])
     find = partial(_find, data, measured, camera, arm_of[0], known)
     found, inputs["solve_seconds"] = timed(find, calls)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.hand_eye import se3
+from cell.errors import InputError
 from cell.poses import Array
 from tests.kit import eye_to_hand_scene
 from tests.kit.eye_to_hand_scene import SIGMA_C_R, SIGMA_C_T, joints, make_scene, pose6, project
@@ -91,3 +92,44 @@ def test_visits_that_differ_by_the_arm_alone_are_not_surely_nearer(
         (tmp_path / "axbc.json").write_text(json.dumps(data), "utf-8")
         better += solve_axbc(tmp_path)["result"]["driven"]["better"]
     assert better == 0
+
+
+def solved(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
+    (folder / "axbc.json").write_text(json.dumps(data), "utf-8")
+    return solve_axbc(folder)
+
+
+def test_arrivals_as_bare_poses_beside_observations_with_corners_are_refused(tmp_path: Path) -> None:
+    """Of a bare pose the errors of lens and print are unknown, and without them 95 % would be too little."""
+    data, _, _ = driven_set(np.random.default_rng(3))
+    seen = data["driven"]["arrivals"][2]["seen"]
+    del seen["corners"]
+    seen["T_camera_marker"] = data["driven"]["targets"][2]["T_camera_flange"]
+    with pytest.raises(InputError) as refused:
+        solved(tmp_path, data)
+    assert refused.value.name == "DATA_INVALID"
+    assert (
+        "driven.arrivals[2].seen has a bare T_camera_marker and the observations have corners or images; "
+        "give corners or images there too, or leave the arrival out"
+    ) in str(refused.value)
+
+
+def test_arrivals_with_corners_beside_observations_as_bare_poses_are_refused(tmp_path: Path) -> None:
+    data, _, _ = driven_set(np.random.default_rng(3))
+    for seen in data["observations"]:
+        del seen["corners"]
+        seen["T_camera_marker"] = [0.0, 0.0, 0.6, 0.0, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"driven\.arrivals\[0\]\.seen has corners or images"):
+        solved(tmp_path, data)
+
+
+def test_a_target_that_was_seen_twice_in_one_way_is_refused(tmp_path: Path) -> None:
+    """Which of the two is the one that counts is nothing that anybody said."""
+    data, _, _ = driven_set(np.random.default_rng(3))
+    arrivals = data["driven"]["arrivals"]
+    data["driven"]["arrivals"] = [*arrivals, arrivals[1]]
+    with pytest.raises(InputError) as refused:
+        solved(tmp_path, data)
+    assert ("(arrivals[4]) is of target 1, 'given', as arrivals[1] is; leave out one of the two") in str(
+        refused.value
+    )
