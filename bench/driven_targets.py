@@ -7,10 +7,11 @@ twice, so each command is visited twice.
 First: how many arrivals are inside the 95 % stated of them, and in how many twins the worst of all is inside
 the limit for the worst, with the exact 95 % intervals (arrivals of a twin share lens, print and place, so of
 arrivals the interval is too short); how often each way to correct was chosen, and how often the corrected
-ones were called surely nearer, and truly were. Second: the two visits of each command as given, taken as
-"given" and "corrected" and judged again: how often the second ones are called surely nearer, which nothing
-made them, and the first ones. By two standard deviations 2.3 % of each are. With ``--keep FILE`` a bench that
-was ended goes on where it was.
+ones were called surely nearer, and how often wrongly.
+
+Second: the two visits of each command as given, taken as "given" and "corrected" and judged again: how often
+the second ones are called surely nearer, which nothing made them, and the first ones. By two standard
+deviations 2.3 % of each would be. With ``--keep FILE`` a bench that was ended goes on where it was.
 """
 
 import argparse
@@ -101,7 +102,8 @@ def table(twins: Sequence[Twin]) -> list[str]:
     if called := [twin for twin in ended if twin.better is not None]:
         nearer = [twin for twin in called if twin.better]
         rows.append(_share("corrected called surely nearer", len(nearer), len(called)))
-        rows.append(_share("of these truly nearer", sum(bool(t.truly) for t in nearer), len(nearer)))
+        wrong = sum(not t.truly for t in nearer)
+        rows.append(_share("called so, and truly not", wrong, len(called)))
     equal = [twin for twin in ended if twin.later is not None]
     rows.append(_share("equal visits: second called nearer", sum(bool(t.later) for t in equal), len(equal)))
     rows.append(_share("equal visits: first called nearer", sum(bool(t.earlier) for t in equal), len(equal)))

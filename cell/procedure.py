@@ -122,7 +122,7 @@ class Procedure(ABC):
     kind: ClassVar[str] = ""  # of its results and plans
     Config: ClassVar[type[BaseModel]]
     State: ClassVar[type[StrEnum]]
-    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]  # None: before the first state, after a last one
     CHECKPOINTS: ClassVar[frozenset[Any]]
     decides: ClassVar[bool] = False  # about what it proposed, itself and before it ends
     # Keys that a section takes from those of other jobs when it does not give them itself.
@@ -186,6 +186,7 @@ class Run:
         self.prompt: tuple[int, str] | None = None
         self.skippable = False  # what the prompt asks for may be left out
         self.result: Envelope | None = None
+        self.answered = False  # its data set holds the answer already, should it end in whatever way
         self.figures: Figures = NO_FIGURES  # of the result, for registers
         self.shown: dict[str, Any] | None = None  # what is short of it, for a status
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []

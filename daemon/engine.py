@@ -27,7 +27,7 @@ from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
 from daemon.program_start import ProgramStart
 from daemon.recipes import arguments_of_recipe, place_of, with_recipe
-from daemon.results import note_arm_model, propose_results
+from daemon.results import keep_answer, note_arm_model, propose_results
 from daemon.run_end import failure_of, keep_shown, main_figure_of, write_end
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_origin import origin
@@ -381,6 +381,7 @@ class Engine:
             final, outcome = PackML.COMPLETE, "complete"
         if isinstance(failure, LatchError):
             self.context.broker.latch(failure)
+        kept = outcome != "complete" and await keep_answer(run, folder)
         verdict = run.result.verdict if run.result else None
         end = {
             "outcome": outcome,
@@ -410,7 +411,7 @@ class Engine:
         told = failure or verdict
         log.log(level, "run %d %s%s", run.id, outcome, f": {told}" if told else "")
         self.publish()
-        if run.result is None:
+        if run.result is None or kept:
             self.report_wanted(folder.path)
         self.program_start.ended(run, folder, end, failure)
 

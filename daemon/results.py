@@ -3,12 +3,13 @@
 import asyncio
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cell.calibrations import rests_on_kinematics
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.formats.result import Envelope, StepTakenAgain
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.ledger import Ledger
@@ -16,7 +17,9 @@ from cell.store.runs import RunFolder
 from daemon.stored_result import kept_of, texts_of
 from procedures.in_worker import in_worker
 from procedures.kinematics_in_use import in_words, misfits, with_model
+from procedures.replay import solve_again
 
+ANSWER_S = 30.0  # longest time that the end of a run waits for its answer
 log = logging.getLogger("cellward.results")
 
 
@@ -40,6 +43,29 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
         as_text = replace(proposal, value=made.value)
         await asyncio.to_thread(_propose, run, ledger, as_text, made.kept.summary, run.result.verdict)
     await _write_report(run)
+
+
+async def keep_answer(run: Run, folder: RunFolder) -> bool:
+    """``result.json`` of a run that had its answer and was ended before it was over, from the data that it
+    left, as ``cellward solve`` makes it; nothing is proposed. Whether there is one; the journal says why not.
+    """
+    if not run.answered:
+        return False
+    run.result = None  # of what the data set was before
+    try:
+        async with asyncio.timeout(ANSWER_S):
+            asked = run.procedure.name, folder.path, folder.info, dict[str, Any]()
+            found = await in_worker(run.worker, solve_again, *asked)
+            result = with_interruptions(with_model(found, run.values, run.proposed), run).signed()
+            made = await in_worker(run.worker, texts_of, result, str(folder.path / "result.json"), None)
+            await asyncio.to_thread(folder.write_result, made.result)
+    except Exception as exc:  # it must not cost the end of the run
+        log.exception("the answer of run %d", run.id)
+        with suppress(CellError):
+            run.note("error", event="answer not kept", why=f"{type(exc).__name__}: {exc}")
+        return False
+    run.result, run.figures, run.shown = result, made.kept.figures, made.kept.shown
+    return True
 
 
 def with_interruptions(result: Envelope, run: Run) -> Envelope:

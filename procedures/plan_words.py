@@ -1,6 +1,6 @@
 """The plan of a dry run as a table: every pose with every check."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -33,8 +33,12 @@ def plan_lines(plan: Mapping[str, Any]) -> list[str]:
 
 
 def _row(pose: Mapping[str, Any]) -> list[str | None]:
-    joints = " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in pose["q"])
-    return [str(pose["index"]), joints, _angle(pose.get("travel_rad")), *margins(pose)]
+    return [str(pose["index"]), joints_text(pose["q"]), _angle(pose.get("travel_rad")), *margins(pose)]
+
+
+def joints_text(q: Sequence[float]) -> str:
+    """Joints (rad) in degrees."""
+    return " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in q)
 
 
 def margins(pose: Mapping[str, Any]) -> list[str | None]:

@@ -21,7 +21,9 @@ def jobs_page(jobs: Mapping[str, Any]) -> str:
         lines += [f"    {s.name}: {s.name} (checkpoint)" for s in job.State if s in job.CHECKPOINTS]
         for source, targets in job.TRANSITIONS.items():
             start = "[*]" if source is None else source.name
-            ends = [target.name for target in job.State if target in targets] or ["[*]"]
+            ends = [target.name for target in job.State if target in targets]
+            if not targets or None in targets:
+                ends.append("[*]")
             lines += [f"    {start} --> {end}" for end in ends]
         lines += ["```", ""]
     return page(HEAD, lines)

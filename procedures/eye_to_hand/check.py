@@ -45,7 +45,7 @@ class EyeToHandCheck(Procedure):
     Config = EyeToHandCheckConfig
     State = State
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS | {
-        S.SOLVE: frozenset({S.PLAN}),  # of the ways to targets
+        S.SOLVE: frozenset({None, S.PLAN}),  # it ends, or plans the ways to targets
         S.PLAN: TRANSITIONS[S.PLAN] | {S.SOLVE},
         S.RETURN: TRANSITIONS[S.RETURN] | {S.SOLVE},
     }
@@ -90,7 +90,10 @@ class EyeToHandCheck(Procedure):
         await capture.camera.set_target(capture.target)
         seen = await capture.seek()
         plan = await capture.plan(seen, capture.calibration or {})
-        return plan.as_dict()
+        if not self.config.targets:
+            return plan.as_dict()
+        camera = camera_entry(seen.intrinsics)
+        return {**plan.as_dict(), "targets": await capture.list_targets(plan.poses, camera)}
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
@@ -130,13 +133,19 @@ class CheckCapture(TargetDrive):
         path = await asyncio.to_thread(self._write)
         targets = await self.ask_for_commands() if self.check.targets else None
         run.note("solve", event="started", observations=taken)
-        run.result = await run.worker.call(solve_run, path, targets)
-        if targets is None or not isinstance(run.result, AxbcResult):
+        run.result = found = await run.worker.call(solve_run, path, targets)
+        if targets is None or not isinstance(found, AxbcResult):
             return
-        driven = await self.drive(run.result.result, self._camera())
-        await run.enter(S.SOLVE, f"{len(driven['arrivals'])} targets seen")
+        run.answered = True  # whatever becomes of the targets
+        driven = await self.drive(found, self._camera(), self._keep_driven)
+        if run.state is not S.SOLVE:
+            await run.enter(S.SOLVE, f"{len(driven['arrivals'])} targets seen")
         path = await asyncio.to_thread(self._write, driven)
         run.result = await run.worker.call(solve_run, path)
+        run.answered = False
+
+    async def _keep_driven(self, driven: Mapping[str, Any]) -> None:
+        await asyncio.to_thread(self._write, driven)
 
     def _write(self, driven: Mapping[str, Any] | None = None) -> Path:
         check, header = self.check, self.record.header

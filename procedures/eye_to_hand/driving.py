@@ -2,9 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from cell.procedure import FinishRequested
 from cell.standstill import measured_standstill
 from cell.store.files import write_atomic
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
-from procedures.eye_to_hand.result import AxbcAnswer
+from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.targets import (
     TargetMove,
     TargetView,
@@ -27,14 +27,24 @@ from procedures.eye_to_hand.targets import (
     near_joints,
     off_in_view,
     plan_moves,
+    way_back,
 )
 from procedures.eye_to_hand.words import move_text, moves_text
 from procedures.hand_eye.capturing import STANDSTILL_TIMEOUT_S, CaptureRun
-from procedures.hand_eye.plan import BoardObservation
+from procedures.hand_eye.plan import BoardObservation, Visit
 from procedures.hand_eye.states import S
 
 TARGETS_FILE = "axbc-targets.json"
+FINISHED, ENDED = "the run was finished early", "the run ended before"
 _KEPT_FROM = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
+
+
+@dataclass(frozen=True)
+class _Stood:
+    """Where the arm stood on its way, in words and by joints (6,) rad."""
+
+    where: str
+    q: list[float]
 
 
 class TargetDrive(CaptureRun):
@@ -54,9 +64,45 @@ class TargetDrive(CaptureRun):
         self._near = near
         return path
 
-    async def drive(self, answer: AxbcAnswer, camera: Mapping[str, Any]) -> dict[str, Any]:
-        """Show the commands, and after a confirmation drive to each; the ``driven`` of the data set."""
-        check, way = self.check, answer.correction.chosen
+    async def list_targets(self, visits: Sequence[Visit], camera: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """For a dry run each target as given, with joints on a way that was checked, or why it has none.
+
+        ``visits`` are the poses that come before. Commands as corrected are found from those alone.
+        """
+        values, check = self.run.values, self.check
+        q_now = await self._joints()
+        start = q_now if check.start_pose is None else [float(v) for v in values.poses[check.start_pose]]
+        targets, known = check.targets, [visit.q for visit in visits]
+        near = await self.run.worker.call(near_joints, values, self.given, targets, known or [start])
+        given = [to_pose6(T).tolist() for T in commands_as_given(self.given, targets)]
+        commands = _commands(given, [None] * len(given))
+        view = TargetView(self.target, check.T_marker_flange, camera)
+        args = targets, commands, near, start, start
+        return [
+            {
+                "number": move.target + 1,
+                "T_camera_flange": list(targets[move.target]),
+                "given": move.command,
+                "q": move.q,
+                "checks": dict(move.checks),
+                "why": move.why,
+            }
+            for move in await self.run.worker.call(plan_moves, values, view, *args)
+        ]
+
+    async def drive(
+        self,
+        found: AxbcResult,
+        camera: Mapping[str, Any],
+        keep: Callable[[Mapping[str, Any]], Awaitable[None]],
+    ) -> dict[str, Any]:
+        """Show the commands, and after a confirmation drive to each; the ``driven`` of the data set.
+
+        ``keep`` gets it as it is at first and after each arrival, with what is still missing as lost: the
+        run may end at any moment.
+        """
+        answer, check = found.result, self.check
+        way = answer.correction.chosen
         given = [to_pose6(T).tolist() for T in commands_as_given(self.given, check.targets)]
         corrected = [None] * len(given) if way == "none" else answer.commands or [None] * len(given)
         driven: dict[str, Any] = {
@@ -74,39 +120,63 @@ class TargetDrive(CaptureRun):
                 for k, command in enumerate(corrected)
                 if command is None
             ]
+        commands = _commands(given, corrected)
+        wanted = [TargetMove(*command) for command in commands]
+        if self.run.wants_finish:  # the arm is not asked for anything any more
+            driven["lost"] += _unseen(wanted, FINISHED)
+            return driven
+        await keep({**driven, "lost": [*driven["lost"], *_unseen(wanted, ENDED)]})
         await self.run.enter(S.PLAN, "targets")
-        moves = await self._planned(given, corrected, camera)
+        home, moves = await self._planned(commands, camera)
         self.run.note("decision", event="targets", way=way, moves=[asdict(m) for m in moves])
         driven["lost"] += [f"{move_text(m.target, m.how)}: {m.why}" for m in moves if m.why]
         left = [m for m in moves if not m.why]
-        why = "the run was finished early"
+        why = FINISHED
         with suppress(FinishRequested):
-            if left and await self.run.ask(moves_text(way, driven, len(left)), skippable=True):
-                await self._drive_all(left, driven, camera)
+            if left and await self.run.ask(moves_text(found, driven, len(left)), skippable=True):
+                try:
+                    await self._drive_all(left, driven, camera, home, keep)
+                except RefusedError as refusal:  # what was seen is not lost by it
+                    why = str(refusal)
+                    driven["stands"] = f"the arm stands {self._stood[-1].where}: {why}"
+                    self.run.note("decision", event="arm not returned", why=driven["stands"])
             else:
                 why = "skipped by the operator"
-        driven["lost"] += [f"{move_text(m.target, m.how)}: {why}" for m in left]
+        driven["lost"] += _unseen(left, why)
         return driven
 
+    def _home(self, q_now: Sequence[float]) -> list[float]:
+        """Where the capture began, (6,) rad: of this run, of the one that was taken over, or where the arm
+        stands."""
+        if self._start_q is not None:
+            return [float(v) for v in self._start_q]
+        begun = self.record.placements
+        return [float(v) for v in begun[max(begun)]["start_q"]] if begun else list(q_now)
+
     async def _planned(
-        self, given: Sequence[list[float]], corrected: Sequence[list[float] | None], camera: Mapping[str, Any]
-    ) -> list[TargetMove]:
-        commands: list[tuple[int, How, list[float]]] = []
-        for k, (one, other) in enumerate(zip(given, corrected, strict=True)):
-            commands.append((k, "given", one))
-            if other is not None:
-                commands.append((k, "corrected", other))
+        self, commands: Sequence[tuple[int, How, list[float]]], camera: Mapping[str, Any]
+    ) -> tuple[list[float], list[TargetMove]]:
+        """Where the arm returns to, and the moves."""
         view = TargetView(self.target, self.check.T_marker_flange, camera)
-        q_now = [float(v) for v in (await self.run.arm_state()).q]
-        return await self.run.worker.call(
-            plan_moves, self.run.values, view, self.check.targets, commands, self._near, q_now
-        )
+        q_now = await self._joints()
+        home = self._home(q_now)
+        args = self.check.targets, commands, self._near, q_now, home
+        return home, await self.run.worker.call(plan_moves, self.run.values, view, *args)
+
+    async def _joints(self) -> list[float]:
+        return [float(v) for v in (await self.run.arm_state()).q]
 
     async def _drive_all(
-        self, left: list[TargetMove], driven: dict[str, Any], camera: Mapping[str, Any]
+        self,
+        left: list[TargetMove],
+        driven: dict[str, Any],
+        camera: Mapping[str, Any],
+        home: list[float],
+        keep: Callable[[Mapping[str, Any]], Awaitable[None]],
     ) -> None:
-        """Visit the moves ``left``, taking each out of it once it is done or lost; then return."""
+        """Visit the moves ``left``, taking each out of it once it is done or lost; then return ``home``."""
         run, first, moves = self.run, self.record.next_index(), len(left)
+        self._stood = [_Stood("where it stood before the targets", await self._joints())]
         async with run.motion() as lease:
             while left:
                 move, number = left[0], moves - len(left)
@@ -121,14 +191,24 @@ class TargetDrive(CaptureRun):
                     run.note("decision", event="target lost", why=seen, **about)
                     continue
                 driven["arrivals"].append({"target": move.target, "how": move.how, "seen": seen})
+                missing = _unseen(left, ENDED)
+                await keep({**driven, "lost": [*driven["lost"], *missing]})
                 off_m = await self._show(move, seen, camera)
                 run.note("decision", event="target seen", off_m=off_m, **about)
             run.progress(moves, moves)
             await run.enter(S.RETURN)
-            if self._start_q is not None:
-                await lease.move_joints(self._start_q)
+            await self._return(lease, home)
             if not await measured_standstill(self.arm, STANDSTILL_TIMEOUT_S):
                 raise error("POSE_UNSTABLE", f"the arm did not come to rest in {STANDSTILL_TIMEOUT_S} s")
+
+    async def _return(self, lease: MotionLease, home: list[float]) -> None:
+        """Back ``home`` on a way that was checked; a ``RefusedError`` where there is none."""
+        stood = self._stood
+        back = await self.run.worker.call(way_back, self.run.values, [at.q for at in stood], home)
+        for _ in range(back):
+            await lease.move_joints(np.array(stood[-2].q))
+            stood.pop()
+        await lease.move_joints(np.array(home))
 
     async def _show(self, move: TargetMove, seen: Mapping[str, Any], camera: Mapping[str, Any]) -> float:
         """How far off it looks in one frame, with the place as given (m): for whoever watches."""
@@ -148,7 +228,25 @@ class TargetDrive(CaptureRun):
             if refusal.name not in _KEPT_FROM:
                 raise
             return str(refusal)
+        self._stood.append(_Stood(f"at {move_text(move.target, move.how)}", move.q))
         taken = await self._take_pose(0, index, index)
         if taken is None:
             return self._why_lost or "it was not seen"
         return {k: v for k, v in taken.items() if k != "group"}
+
+
+def _commands(
+    given: Sequence[list[float]], corrected: Sequence[list[float] | None]
+) -> list[tuple[int, How, list[float]]]:
+    """Of each target as given and, where there is one, corrected: ``T_base_flange``."""
+    out: list[tuple[int, How, list[float]]] = []
+    for k, (one, other) in enumerate(zip(given, corrected, strict=True)):
+        out.append((k, "given", one))
+        if other is not None:
+            out.append((k, "corrected", other))
+    return out
+
+
+def _unseen(moves: Sequence[TargetMove], why: str) -> list[str]:
+    """What was not measured, in words."""
+    return [f"{move_text(m.target, m.how)}: {why}" for m in moves]

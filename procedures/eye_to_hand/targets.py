@@ -12,8 +12,9 @@ from calibration.planning.view import view_faults
 from calibration.targets import make_target
 from cell.arm_model import ArmModel
 from cell.devices import Intrinsics
-from cell.errors import RefusedError
+from cell.errors import RefusedError, error
 from cell.formats.axbc import How
+from cell.guard import MotionGuard
 from cell.poses import Array, from_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
@@ -30,6 +31,7 @@ class TargetMove:
     command: list[float]
     q: list[float] = field(default_factory=list)
     why: str = ""
+    checks: Mapping[str, Any] = field(default_factory=dict)  # margins there
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,13 @@ def plan_moves(
     commands: Sequence[tuple[int, How, list[float]]],
     near: Sequence[Sequence[float]],
     q_now: Sequence[float],
+    home: Sequence[float],
 ) -> list[TargetMove]:
-    """``commands`` (target, how, T_base_flange) in their order, each way checked as the lease checks it."""
+    """``commands`` (target, how, T_base_flange) in their order, each way checked as the lease checks it, and
+    so is the way from there back ``home``."""
     guard, _, _ = lease_settings(values)
-    out, at = [], np.array(q_now, dtype=float)
+    out: list[TargetMove] = []
+    stood = [np.array(q_now, dtype=float)]
     for k, how, command in commands:
         why = view.fault(targets[k])
         q = None if why else guard.model.inverse(from_pose6(command), np.array(near[k]))
@@ -106,10 +111,37 @@ def plan_moves(
             out.append(TargetMove(k, how, command, why=why or "out of the arm's reach"))
             continue
         try:
-            guard.check_path_joints(at, q)
+            guard.check_path_joints(stood[-1], q)
         except RefusedError as refusal:
             out.append(TargetMove(k, how, command, why=str(refusal)))
             continue
-        out.append(TargetMove(k, how, command, [float(v) for v in q]))
-        at = q
+        try:
+            _steps_back(guard, [*stood, q], np.array(home, dtype=float))
+        except RefusedError as refusal:
+            out.append(TargetMove(k, how, command, why=f"no way back from there: {refusal}"))
+            continue
+        checks = guard.describe(q).as_dict()
+        out.append(TargetMove(k, how, command, [float(v) for v in q], checks=checks))
+        stood.append(q)
     return out
+
+
+def way_back(values: RunValues, stood: Sequence[Sequence[float]], home: Sequence[float]) -> int:
+    """By how many of the poses ``stood`` (n, 6) rad, on the last of which the arm is, it goes back before it
+    can go straight ``home``; each way is checked. A ``RefusedError`` says why it cannot get there."""
+    guard, _, _ = lease_settings(values)
+    return _steps_back(guard, [np.array(q, dtype=float) for q in stood], np.array(home, dtype=float))
+
+
+def _steps_back(guard: MotionGuard, stood: Sequence[Array], home: Array) -> int:
+    first: RefusedError | None = None
+    for steps, at in enumerate(reversed(stood)):
+        if steps:
+            guard.check_path_joints(stood[-steps], at)
+        try:
+            guard.check_path_joints(at, home)
+        except RefusedError as refusal:
+            first = first or refusal
+            continue
+        return steps
+    raise first or error("INTERNAL", "the arm stood nowhere")

@@ -6,8 +6,8 @@ from typing import Any
 
 from cell.formats.axbc import How
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult, DrivenTargets, SeenAtTarget
-from procedures.plan_words import plan_lines
-from procedures.words import deg, mm, pose_text, sigma_text
+from procedures.plan_words import HEADER, joints_text, margins, plan_lines
+from procedures.words import deg, mm, pose_text, sigma_text, table
 
 BLAMED = {
     "none": "camera, target and arm as given fit the images",
@@ -17,6 +17,7 @@ BLAMED = {
     "cannot-tell": "something given is wrong, and the images cannot tell whether hand-eye, target or arm",
 }
 HOW_WORDS: Mapping[How, str] = {"given": "as given", "corrected": "corrected"}
+TARGETS_HEADER = ("target", "T_base_flange", HEADER[1], *HEADER[3:])
 WAYS = {"none": "as given", "constant": "a constant", "model": "the arm's model"}
 
 
@@ -86,13 +87,23 @@ def move_text(target: int, how: How) -> str:
     return f"target {target + 1} {HOW_WORDS[how]}"
 
 
-def moves_text(way: str, driven: Mapping[str, Any], moves: int) -> str:
-    """What the arm is about to be driven to, for the operator's prompt; ``driven`` as in a data set."""
-    told = []
+def check_text(found: AxbcResult) -> str:
+    """The verdict of the check on what was given, for somebody who is about to rely on it."""
+    said = {"pass": "The check passed", "warn": "The check has warnings", "fail": "The check FAILED"}
+    because = f" ({'; '.join(found.reasons)})" if found.reasons else ""
+    blamed = BLAMED[found.result.blamed]
+    return f"{said[found.verdict]}{because}: the given hand-eye is off by {_off(found.result)}; {blamed}"
+
+
+def moves_text(found: AxbcResult, driven: Mapping[str, Any], moves: int) -> str:
+    """The verdict, and what the arm is about to be driven to, for the operator's prompt; ``driven`` as in a
+    data set."""
+    told, way = [], driven["way"]
+    shifts: list[float] = []
     for k, target in enumerate(driven["targets"], 1):
         said = f"target {k} as given {pose_text(target['given'])}"
         if target["corrected"] is not None:
-            shift = dist(target["corrected"][:3], target["given"][:3])
+            shifts.append(shift := dist(target["corrected"][:3], target["given"][:3]))
             said += f", corrected by {mm(shift)} to {pose_text(target['corrected'])}"
         told.append(said)
     by = (
@@ -100,10 +111,12 @@ def moves_text(way: str, driven: Mapping[str, Any], moves: int) -> str:
         if way == "none"
         else f"as given and corrected by {WAYS[way]}"
     )
+    if shifts:
+        by += f", which moves them by up to {mm(max(shifts))}"
     left = f"; left out: {'; '.join(driven['lost'])}" if driven["lost"] else ""
     return (
-        f"{moves} moves to targets, {by}: {'; '.join(told)}{left}. Confirm to drive there and see what is "
-        "off, or skip them"
+        f"{check_text(found)}. {moves} moves to targets, {by}: {'; '.join(told)}{left}. Confirm to drive "
+        "there and see what is off, or skip them"
     )
 
 
@@ -122,7 +135,8 @@ def driven_lines(driven: DrivenTargets | None) -> list[str]:
     if driven.better is not None:
         lines.append(f"    {gain_text(driven)}")
     lines.append(f"    {driven.meaning}")
-    return lines + [f"    not measured: {what}" for what in driven.lost]
+    lines += [f"    not measured: {what}" for what in driven.lost]
+    return lines if driven.stands is None else [*lines, f"    not returned: {driven.stands}"]
 
 
 def gain_text(driven: DrivenTargets) -> str:
@@ -147,5 +161,20 @@ def _off(answer: AxbcAnswer) -> str:
 
 
 def axbc_plan_lines(plan: Mapping[str, Any]) -> list[str]:
-    """The poses of a check before anything moves."""
-    return plan_lines(plan)
+    """The poses of a check before anything moves, and its targets."""
+    lines = plan_lines(plan)
+    if not (targets := plan.get("targets")):
+        return lines
+    rows = [
+        (str(t["number"]), pose_text(t["given"]), joints_text(t["q"]), *margins(t))
+        for t in targets
+        if not t["why"]
+    ]
+    lines.append(f"{len(targets)} targets are driven to after the answer, as given and corrected; as given:")
+    if rows:
+        lines.append(table(TARGETS_HEADER, rows))
+    lines += [f"  target {t['number']} is left out: {t['why']}" for t in targets if t["why"]]
+    return [
+        *lines,
+        "corrected: not known before the poses are measured; each is checked and shown before the arm drives",
+    ]

@@ -195,6 +195,8 @@ def driven_section(source: Source[AxbcResult]) -> Html | None:
     fig.update_yaxes(title_text="off, mm", rangemode="tozero")
     rows = [(str(t.number), seen_text(t.before), seen_text(t.after)) for t in driven.targets]
     said = [driven.meaning, *(f"Not measured: {what}." for what in driven.lost)]
+    if driven.stands is not None:
+        said.append(f"Not returned: {driven.stands}.")
     if driven.way == "none":
         said.insert(0, "No correction is surely better than none, so targets were driven to as given only.")
     if driven.better is not None:

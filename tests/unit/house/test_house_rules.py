@@ -10,6 +10,7 @@ import pytest
 from packaging.specifiers import SpecifierSet
 
 from cell.errors import Reaction, catalogue, error
+from daemon.docs.jobs import jobs_page
 from procedures.registry import JOBS
 
 ROOT = Path(__file__).parents[3]
@@ -64,8 +65,15 @@ def test_every_transition_table_is_sound(job: str) -> None:
     reached, frontier = set(), set(table[None])
     while frontier:
         reached |= frontier
-        frontier = set().union(*(table[s] for s in frontier)) - reached
+        frontier = set().union(*(table[s] for s in frontier)) - reached - {None}
     assert reached == states, f"unreachable: {states - reached}"
+    ends = {s for s in states if not table[s] or None in table[s]}
+    assert ends, "it has no end"
+
+
+@pytest.mark.parametrize("job", sorted(JOBS))
+def test_every_state_diagram_shows_an_end(job: str) -> None:
+    assert "--> [*]" in jobs_page({job: JOBS[job]})
 
 
 def test_whole_cells_are_where_make_test_looks_for_them() -> None:

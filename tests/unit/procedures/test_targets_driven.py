@@ -69,7 +69,11 @@ def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_pat
             run_id, asked = await driven_run(cell)
             end, result = cell.end(run_id), cell.result(run_id)
             assert end["outcome"] == "complete", end
-            assert "8 moves to targets, as given and corrected by the arm's model" in asked
+            assert (
+                "8 moves to targets, as given and corrected by the arm's model, which moves them by" in asked
+            )
+            assert asked.startswith(("The check passed", "The check has warnings", "The check FAILED"))
+            assert "the given hand-eye is off by" in asked.partition("moves to targets")[0]
             driven = result["result"]["driven"]
             assert driven["lost"] == []
             assert driven["better"] is True
