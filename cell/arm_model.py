@@ -6,11 +6,12 @@ lengths metres, everything in the base frame.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
-
-from scipy.spatial.transform import RigidTransform
+from typing import TYPE_CHECKING, Protocol
 
 from cell.poses import Array
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +60,11 @@ class ArmModel(Protocol):
         """(6,) m: how far from joint i's axis any point of the arm up to the flange can be."""
         ...
 
-    def forward(self, q: Array) -> RigidTransform:
+    def forward(self, q: Array) -> "RigidTransform":
         """``T_base_flange`` for ``q`` (6,)."""
         ...
 
-    def forward_many(self, Q: Array) -> RigidTransform:
+    def forward_many(self, Q: Array) -> "RigidTransform":
         """``T_base_flange`` (n) for ``Q`` (n, 6)."""
         ...
 
@@ -87,7 +88,7 @@ class ArmModel(Protocol):
         """(n, 6, 6): :meth:`jacobian` for ``Q`` (n, 6)."""
         ...
 
-    def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
+    def inverse(self, T_base_flange: "RigidTransform", q_near: Array) -> Array | None:
         """The joints (6,) within limits that reach the pose and are closest to ``q_near``, or None."""
         ...
 
@@ -99,6 +100,6 @@ class ArmModel(Protocol):
         """
         ...
 
-    def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
+    def inverse_all(self, T_base_flange: "RigidTransform") -> list[Array]:
         """One solution per branch within limits, each angle as close to zero as its limits let it be."""
         ...

@@ -7,16 +7,18 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
 from cell.arm_model import ArmModel
 from cell.joint_limits import leading_speed
 from cell.poses import Array, from_pose6
 from cell.samples import Readings, Stream
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 
 class DeviceState(StrEnum):
@@ -106,7 +108,7 @@ class ArmState:
     speed_scaling: float = 1.0  # share of full speed at which the controller runs what it is sent
 
     @property
-    def T_base_flange(self) -> RigidTransform:
+    def T_base_flange(self) -> "RigidTransform":
         if self.model is not None:
             return self.model.forward(self.q)
         return from_pose6(self.tcp_pose6) * from_pose6(self.tcp_offset6).inv()
@@ -117,7 +119,7 @@ class ArmState:
         return bool(np.max(np.abs(self.qd)) < 0.002)
 
 
-def flange_poses(states: Sequence[ArmState]) -> RigidTransform:
+def flange_poses(states: Sequence[ArmState]) -> "RigidTransform":
     """``T_base_flange`` (n) of many states at once; one by one it would hold up an event loop."""
     if (model := states[0].model) is not None:
         return model.forward_many(np.stack([s.q for s in states]))
@@ -147,7 +149,7 @@ class Speed:
 class ToolSettings:
     """What a lease writes into the controller and reads back."""
 
-    T_flange_tool: RigidTransform
+    T_flange_tool: "RigidTransform"
     payload_kg: float
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -182,7 +184,7 @@ class MotionPort(Protocol):
         """Move in joint space; returns when the *measured* joints agree, else raises."""
         ...
 
-    async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
+    async def move_linear(self, T_base_flange: "RigidTransform", speed: Speed) -> None:
         """Move the TCP on a line to where the flange has this pose; returns when measured there."""
         ...
 
@@ -191,7 +193,7 @@ class MotionPort(Protocol):
         ...
 
     async def guarded_move(
-        self, T_base_flange: RigidTransform, speed: Speed, max_force_n: float, max_travel_m: float
+        self, T_base_flange: "RigidTransform", speed: Speed, max_force_n: float, max_travel_m: float
     ) -> bool:
         """Linear move that stops at a force along the way; True when the force ended it."""
         ...

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
+from calibration.items.blurred_step import blurred_step
 from calibration.items.middle import median
 from cell.poses import Array
 
@@ -52,9 +52,9 @@ def _weighed(shades: Array, profile: Array, width: float, blur_px: float | None)
     u = _places(width)
     blurs = _BLURS if blur_px is None else blur_px + _NEAR
     a, b = shades[:, None, None], blurs[None, :, None]
-    second = ndtr((u - width * a) / b)
+    second = blurred_step((u - width * a) / b)
     # Shades and places on both sides of their middles: the first step is the second of the opposite shade.
-    first = 1.0 - second[::-1, :, ::-1] if shades is _SHADES else ndtr((u + width * (1.0 - a)) / b)
+    first = 1.0 - second[::-1, :, ::-1] if shades is _SHADES else blurred_step((u + width * (1.0 - a)) / b)
     model = a * first + (1.0 - a) * second
     misfit = np.sum((model - profile) ** 2, axis=2)
     noise = max(float(misfit.min()) / len(u), _NOISE**2)
@@ -71,7 +71,7 @@ def _weighed(shades: Array, profile: Array, width: float, blur_px: float | None)
 def blur_of(profile: Array) -> float:
     """The standard deviation of the blur, px, of an edge with no strip beside it."""
     fine = np.linspace(_BLURS[0], _BLURS[-1], 5 * len(_BLURS))
-    misfit = np.sum((ndtr(_places(0.0) / fine[:, None]) - profile) ** 2, axis=1)
+    misfit = np.sum((blurred_step(_places(0.0) / fine[:, None]) - profile) ** 2, axis=1)
     return float(fine[int(np.argmin(misfit))])
 
 
