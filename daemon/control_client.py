@@ -23,6 +23,9 @@ class ControlClient:
         self._socket.settimeout(CALL_TIMEOUT_S)
         try:
             self._socket.connect(str(path))
+        except PermissionError as exc:
+            self._socket.close()
+            raise error("ACCESS_DENIED", f"{path}: {exc.strerror or exc}") from exc
         except OSError as exc:
             self._socket.close()
             raise error("DAEMON_UNREACHABLE", f"{path}: {exc.strerror or exc}") from exc

@@ -96,11 +96,20 @@ def _copy(connection: sqlite3.Connection, copy: Path) -> None:
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
-    """A connection that changes nothing; ``LEDGER_DAMAGED``, or ``FILE_UNREADABLE`` when it cannot be opened.
+    """A connection that changes nothing; ``LEDGER_DAMAGED``, ``ACCESS_DENIED``, ``FILE_UNREADABLE``.
 
-    The file may be a running daemon's: whoever only looks must not set it aside.
+    The file may be a running daemon's: whoever only looks must not set it aside. One that nobody has open has
+    no log beside it; SQLite would make one, which who may only read cannot.
     """
-    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=OPEN_S)
+    if path.exists() and not os.access(path, os.R_OK, effective_ids=True):
+        raise error("ACCESS_DENIED", f"{path}")
+    may_write = os.access(path.parent, os.W_OK, effective_ids=True)
+    as_it_is = not may_write and not path.with_name(path.name + "-wal").exists()
+    uri = f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if as_it_is else ''}"
+    try:
+        connection = sqlite3.connect(uri, uri=True, timeout=OPEN_S)
+    except sqlite3.Error as exc:
+        raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
     connection.row_factory = sqlite3.Row
     try:
         connection.execute("SELECT count(*) FROM calibrations").fetchone()

@@ -52,6 +52,11 @@ def reported() -> Iterator[Failure]:
         # The reader of our output (head, less) went away; nothing is wrong, and nothing more can be said.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as exc:
+        if isinstance(exc, PermissionError) and exc.filename is not None:
+            refusal = error("ACCESS_DENIED", f"{exc.filename}: {exc.strerror}")
+            failure.exit_code = exit_code_of(refusal)
+            tell(refusal)
+            return
         failure.exit_code = INTERNAL
         say(f"Error 9001: {type(exc).__name__}: {exc} (details in {log_details()})")
         say(error("INTERNAL").hint)
