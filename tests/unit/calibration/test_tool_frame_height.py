@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from calibration.tool_frame import height
 from calibration.tool_frame.glimpse import LOST, glimpse
@@ -142,7 +142,7 @@ def test_a_fold_takes_from_each_point_what_its_cell_has_of_the_normal_and_goes_o
     at = np.arange(-far, n + far)
     longer = values[:, np.clip(at, 0, n - 1)]
     sigma = max(points**2 - 1.0 / 12.0, height._NARROW**2) ** 0.5
-    share = [norm.cdf((at - k + 0.5) / sigma) - norm.cdf((at - k - 0.5) / sigma) for k in range(n)]
+    share = [ndtr((at - k + 0.5) / sigma) - ndtr((at - k - 0.5) / sigma) for k in range(n)]
     assert height._blurred(values, points) == pytest.approx(longer @ np.array(share).T, rel=1e-9)
 
 
