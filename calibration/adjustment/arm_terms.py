@@ -21,6 +21,7 @@ from cell.poses import Array, adjoint
 REFERENCE = 10  # two to this power joint vectors stand for all that the arm can reach
 _LEVER_M = 0.3  # at which a turn counts as much as a shift
 _SEED = 20
+_LATTICE, _GENERATOR = 1021, 497  # the best of this size in six dimensions, for second powers
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,20 @@ def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -
     low, high = np.maximum(limits[:, 0], -np.pi), np.minimum(limits[:, 1], np.pi)
     even = even_points(len(limits), power, seed)
     return np.asarray(low + (high - low) * even)
+
+
+def joints_to_average(limits: Array) -> Array:
+    """(1021, j) joints over the ``limits`` (j, 2) rad, at most half a turn either way, for means over all.
+
+    Where all joints turn once round, means of base and flange are trigonometric polynomials of low degree,
+    and this lattice has them but for rounding; a joint that turns less is passed there and back.
+    Source: Korobov's lattices, Sloan and Joe, Lattice Methods for Multiple Integration (1994), ch. 4.
+    """
+    low, high = np.maximum(limits[:, 0], -np.pi), np.minimum(limits[:, 1], np.pi)
+    step = np.array([pow(_GENERATOR, k, _LATTICE) for k in range(len(limits))])
+    even = np.arange(_LATTICE)[:, None] * step % _LATTICE / _LATTICE
+    round_once = high - low > 2.0 * np.pi - 1e-6
+    return np.asarray(low + (high - low) * np.where(round_once, even, 1.0 - np.abs(2.0 * even - 1.0)))
 
 
 def _into_flange(T: Array, J: Array) -> Array:

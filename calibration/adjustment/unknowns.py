@@ -13,7 +13,7 @@ from calibration.adjustment.arm_terms import (
     common_motion,
     gears_and_sag,
     geometry,
-    reference_joints,
+    joints_to_average,
     without_gauge,
 )
 from calibration.adjustment.components import Components
@@ -131,8 +131,8 @@ def _arm_blocks(model: ParametricArm, Q: Array, prior: ArmPrior) -> dict[str, Ar
 
 @lru_cache(maxsize=8)
 def _gauges(model: ParametricArm, limits: tuple[tuple[float, float], ...]) -> dict[str, Array]:
-    """The motions of base and flange in each block: a thousand poses, the same for all that one arm does."""
-    over = reference_joints(np.array(limits))
+    """The motions of base and flange in each block, over all joints: the same for all that one arm does."""
+    over = joints_to_average(np.array(limits))
     flange = model.base.flange(over)
     return {
         block: common_motion(of.columns, flange) for block, of in _arm_blocks(model, over, ArmPrior()).items()
