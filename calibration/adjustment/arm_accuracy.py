@@ -4,11 +4,12 @@ A motion of base or flange as a whole is no error of the arm. It is left out of 
 it is not, so the camera has another pose on the corrected arm than on the arm as it is configured.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.adjustment.arm_terms import free_amplitudes, joint_errors, reference_joints
+from calibration.adjustment.arm_about import ArmAbout, arm_with
+from calibration.adjustment.arm_terms import reference_joints
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
 from calibration.hand_eye import se3
@@ -54,9 +55,8 @@ def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
     At each of them the expected square is that of the error found plus its variance; with the error
     corrected the variance alone is left.
     """
-    columns = arm_columns(arm, reference_joints(arm.limits))
     part = arm_numbers(found)
-    error = columns @ found.numbers[part]
+    error, columns = flange_errors(found, arm, reference_joints(arm.limits))
     spread = columns @ _root(found.cov_numbers[part, part])
     return ArmAccuracy(_flange_error(error, spread), _flange_error(np.zeros_like(error), spread))
 
@@ -70,9 +70,9 @@ def position_metric(arm: ArmKnown) -> Array:
 
 def position_accuracy(found: Adjusted, arm: ArmKnown, Q: Array) -> PositionAccuracy:
     """At joints ``Q`` (k, 6), after the base and the tool offset that fit best there are taken off."""
-    J = _positions(arm, Q)
     part = arm_numbers(found)
-    error = (J @ found.numbers[part]).reshape(-1, 3)
+    errors, columns = flange_errors(found, arm, Q)
+    error, J = _positions(arm, Q, errors[:, :, None]).reshape(-1, 3), _positions(arm, Q, columns)
     root = _root(found.cov_numbers[part, part])
     draws = np.random.default_rng(_SEED).normal(size=(root.shape[1], _DRAWS))
     left = np.linalg.norm((J @ (root @ draws)).reshape(len(Q), 3, _DRAWS), axis=1)
@@ -91,8 +91,9 @@ def predicted_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, A
     beyond what an arm repeats to is, since the model does not follow it.
     """
     part = arm_numbers(found)
-    T = arm.model.base.flange(Q) @ se3.exp(arm_columns(arm, Q) @ found.numbers[part])
-    spread = (_positions(arm, Q) @ _root(found.cov_numbers[part, part])).reshape(len(Q), 3, -1)
+    error, columns = flange_errors(found, arm, Q)
+    T = arm.model.base.flange(Q) @ se3.exp(error)
+    spread = (_positions(arm, Q, columns) @ _root(found.cov_numbers[part, part])).reshape(len(Q), 3, -1)
     scatter = found.components.sigma.get("sigma_flange_t", 0.0)
     beyond = max(scatter**2 - _REPEATABLE_M**2, 0.0)
     return T, spread @ np.swapaxes(spread, 1, 2) + beyond * np.eye(3)
@@ -103,27 +104,22 @@ def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]
     return arm_with(found.numbers[arm_numbers(found)], arm)
 
 
-def arm_with(numbers: Array, arm: ArmKnown) -> tuple[ParametricArm, Array]:
-    """As :func:`corrected_arm`, with the ``numbers`` (a,) of its geometry and its gears in that order."""
-    geometry, gears = np.split(numbers, [len(arm.model.names)])
-    errors = joint_errors(arm.model.base)
-    amplitudes = np.zeros(len(errors.amplitudes))
-    amplitudes[free_amplitudes(errors)] = gears
-    errors = errors.moved(amplitudes)
-    base = arm.model.base
-    with_errors = replace(arm.model, base=replace(base, errors=errors.beside(base.errors)))
-    return with_errors, arm.model.nominal + geometry
-
-
 def on_corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
     """X (4, 4) and its covariance (6, 6) for the flange, or the base, of :func:`corrected_arm`."""
     part = arm_numbers(found)
-    gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
-    moved = -gauge[6:] if found.problem.setup == "eye-in-hand" else gauge[:6]
+    in_hand = found.problem.setup == "eye-in-hand"
+    if found.arm_at.any():
+        about = ArmAbout(arm, found.numbers[part])
+        gauge, (base, flange) = about.gauge, about.ends
+    else:
+        gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
+        ends = gauge @ found.numbers[part]
+        base, flange = se3.exp(ends[:6]), se3.exp(ends[6:])
+    moved = -gauge[6:] if in_hand else gauge[:6]
     own = adjoint(se3.inverse(found.X)) @ moved
     mixed = found.cross[:, part] @ own.T
     cov = found.cov + mixed + mixed.T + own @ found.cov_numbers[part, part] @ own.T
-    return se3.exp(moved @ found.numbers[part]) @ found.X, cov
+    return (se3.inverse(flange) if in_hand else base) @ found.X, cov
 
 
 def arm_numbers(found: Adjusted) -> slice:
@@ -136,11 +132,23 @@ def arm_columns(arm: ArmKnown, Q: Array) -> Array:
     return np.concatenate([terms.columns for terms in arm_terms(arm, Q).values()], axis=2)
 
 
-def _positions(arm: ArmKnown, Q: Array) -> Array:
-    """(3 k, p): how the numbers move the flange's places in the base, beyond one base and one tool offset."""
+def flange_errors(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, Array]:
+    """At joints ``Q`` (k, 6): motion (k, 6) of the flange, in its own frame, by all that was found,
+    and by a change of each number (k, 6, a)."""
+    numbers = found.numbers[arm_numbers(found)]
+    if not found.arm_at.any():
+        columns = arm_columns(arm, Q)
+        return columns @ numbers, columns
+    about = ArmAbout(arm, numbers)
+    return se3.log(about.motion(Q)), about.columns(Q)
+
+
+def _positions(arm: ArmKnown, Q: Array, columns: Array) -> Array:
+    """(3 k, p): how the ``columns`` (k, 6, p) move the flange's places in the base, beyond one base and one
+    tool offset."""
     T = arm.model.base.flange(Q)
     R, places = T[:, :3, :3], T[:, :3, 3]
-    J = (R @ arm_columns(arm, Q)[:, :3]).reshape(3 * len(Q), -1)
+    J = (R @ columns[:, :3]).reshape(3 * len(Q), -1)
     lever = se3.hat(places)
     own = np.concatenate([np.tile(np.eye(3), (len(Q), 1, 1)), -lever, R], axis=2).reshape(3 * len(Q), 9)
     return np.asarray(J - own @ np.linalg.lstsq(own, J, rcond=None)[0])

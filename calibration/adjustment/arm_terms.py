@@ -67,9 +67,14 @@ def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:
     return ArmTerms(arm.names, sigma, twists(arm, Q), np.zeros((12, len(sigma))))
 
 
-def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
-    """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity."""
-    errors = joint_errors(chain)
+def gears_and_sag(
+    chain: SerialChain, Q: Array, prior: ArmPrior, errors: JointErrors | None = None
+) -> ArmTerms:
+    """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity.
+
+    ``errors`` are those that ``chain`` may have, unless they are others.
+    """
+    errors = errors or joint_errors(chain)
     frames = chain.frames(Q)
     at_flange = _into_flange(frames[:, -1], chain.jacobians(frames))[:, :, errors.joint]
     columns = np.concatenate([at_flange * wave.T[:, None] for wave in errors.waves(Q)], axis=2)

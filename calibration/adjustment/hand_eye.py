@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibration.adjustment.arm_about import ArmAbout
 from calibration.adjustment.components import Components, estimated
 from calibration.adjustment.equations import Equations
 from calibration.adjustment.jackknife import Checked, Jackknife, checked, jackknife
@@ -36,6 +38,7 @@ from calibration.adjustment.unknowns import (
     observations,
     predicted_poses,
     unknowns,
+    with_flange_moved,
 )
 from calibration.hand_eye.noise import inverse_spd
 from calibration.hand_eye.normal import linearise
@@ -50,6 +53,7 @@ from cell.poses import Array
 _ROUNDS = 4  # images solved again with the lens and the target found
 _STEPS = 4
 _SETTLED = 0.01  # of a standard deviation of X
+_BENT = 0.1  # of it: the products of the arm's numbers move X by less, or are in the flange's poses
 _LINEAR = 0.3  # of these the images' poses follow a change of lens and target linearly enough
 _LINEAR_SIGMA = np.concatenate([LensPrior().sigma(), TargetPrior().sigma()])
 
@@ -64,7 +68,8 @@ class Adjusted:
     numbers, ``cross_W`` (g, 6, 6 + p) that of each W with X and the numbers. ``components`` are noise levels
     and scales, ``camera`` is the lens that was found, ``shape`` what the bow of the target is measured from,
     ``problem`` the used observations as that lens, target and arm have them. ``by_leaving_out`` is what
-    ``cov`` was checked against; what it added is in the budget's noise.
+    ``cov`` was checked against; what it added is in the budget's noise. ``arm_at`` (a,): the numbers of the
+    arm about which its flange was taken as linear, zero where that holds about the arm as it is configured.
     """
 
     X: Array
@@ -79,6 +84,7 @@ class Adjusted:
     blocks: Mapping[str, slice]
     budget: Mapping[str, Array]
     excess: float
+    arm_at: Array
     components: Components
     camera: Intrinsics
     shape: TargetShape
@@ -135,14 +141,26 @@ def adjust(
     for again in range(_ROUNDS):
         images = image_terms(seen, state.problem.C, now, shape, predicted_poses(of, state))
         state, eq = solved(of, state, images, estimates=1 if again else 2)
-        away = (state.numbers - state.base)[of.images]
-        if np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA):
+        base = state.numbers.copy()
+        away = (base - state.base)[of.images]
+        images_follow = bool(np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA))
+        sigma = np.sqrt(np.diag(eq.covariance)[:6])
+        bent = _bent(of, state, images, arm, problem, rows, sigma) if isinstance(arm, ArmKnown) else None
+        if images_follow and bent is None:
             break
-        now = moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]])
-        seen = _printed(views, shape, state.numbers[of.blocks[TARGET_BLOCK]])
-        poses = refine_poses(seen, now, state.problem.C)
-        again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
-        state = replace(state, problem=again_seen, base=state.numbers)
+        if bent is None:
+            base[of.arm] = state.base[of.arm]
+        else:
+            of, state = replace(of, flange=bent.columns), replace(state, problem=bent.problem)
+        if images_follow:
+            base[of.images] = state.base[of.images]
+        else:
+            now = moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]])
+            seen = _printed(views, shape, state.numbers[of.blocks[TARGET_BLOCK]])
+            poses = refine_poses(seen, now, state.problem.C)
+            again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
+            state = replace(state, problem=again_seen)
+        state = replace(state, base=base)
     cov = eq.covariance
     excess = excess_of(of, state, images)
     by_leaving_out = checked(cov[:6, :6], left_out(of, state, images), excess)
@@ -161,12 +179,56 @@ def adjust(
         cross_W=excess * eq.local_cross(),
         blocks=of.blocks,
         budget=causes,
+        arm_at=state.base[of.arm],
         components=state.components,
         camera=moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]]),
         shape=shape,
         problem=moved_problem(of, state, images.moves),
         by_leaving_out=by_leaving_out,
     )
+
+
+@dataclass(frozen=True)
+class _Bent:
+    """``problem`` with its flange as the arm with its numbers has it, and the ``columns`` (n, 6, a) there."""
+
+    problem: Problem
+    columns: Array
+
+
+def _bent(
+    of: Unknowns,
+    state: AdjustedState,
+    images: ImageTerms,
+    arm: ArmKnown,
+    given: Problem,
+    rows: NDArray[np.int64],
+    sigma: Array,
+) -> _Bent | None:
+    """None where X would hardly move if the flange of ``given`` had all that the numbers do to it.
+
+    ``sigma`` (6,) are the standard deviations of X.
+    """
+    if _products(arm, state.numbers[of.arm]) < _BENT * float(sigma.min()):
+        return None
+    about = ArmAbout(arm, state.numbers[of.arm])
+    Q = arm.Q[rows]
+    moved = with_flange_moved(replace(state.problem, G=given.G), about.motion(Q))
+    base = state.base.copy()
+    base[of.arm] = state.numbers[of.arm]
+    there = replace(state, problem=moved, base=base)
+    obs = observations(of, there, images, linearise(moved_problem(of, there, images.moves), there.at))
+    eq = state.components.equations(obs, of.prior, np.concatenate([np.zeros(6), state.numbers]))
+    x, _ = eq.step()
+    if np.all(np.abs(x[:6]) < _BENT * sigma):
+        return None
+    return _Bent(moved, about.columns(Q))
+
+
+def _products(arm: ArmKnown, numbers: Array) -> float:
+    """About how far, in rad and in m at 1 m, the products of the arm's numbers move its flange."""
+    kinds = np.array([*arm.model.kinds, *["angle"] * (len(numbers) - len(arm.model.kinds))])
+    return float(np.sum(numbers[kinds != "length"] ** 2))
 
 
 def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tuple[Measurements, Problem]:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.adjustment.arm_accuracy import arm_with
+from calibration.adjustment.arm_about import arm_with
 from calibration.adjustment.mount import Mounted
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3

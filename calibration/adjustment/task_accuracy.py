@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.adjustment.arm_accuracy import arm_columns, arm_numbers, symmetric_root
+from calibration.adjustment.arm_accuracy import arm_numbers, flange_errors, symmetric_root
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
@@ -37,14 +37,15 @@ def task_accuracy(found: Adjusted, arm: ArmKnown, q: Array, distance_m: float) -
     """
     part = arm_numbers(found)
     flange = arm.model.base.flange(q[None])[0]
-    columns = arm_columns(arm, q[None])[0]  # (6, a), in the flange
+    (error,), (columns,) = flange_errors(found, arm, q[None])  # (6,) and (6, a), in the flange
     if found.problem.setup == "eye-in-hand":
         seen = np.array([0.0, 0.0, distance_m])
         from_flange = found.X[:3, :3] @ seen + found.X[:3, 3]
-        of_arm = columns[:3] - se3.hat(from_flange) @ columns[3:]
+        place = np.concatenate([np.eye(3), -se3.hat(from_flange)], axis=1)
     else:
         seen = (se3.inverse(found.X) @ flange)[:3, 3]
-        of_arm = -flange[:3, :3] @ columns[:3]
+        place = np.concatenate([-flange[:3, :3], np.zeros((3, 3))], axis=1)
+    of_arm = place @ columns
     of_camera = found.X[:3, :3] @ np.concatenate([np.eye(3), -se3.hat(seen)], axis=1)
     mixed = of_camera @ found.cross[:, part] @ of_arm.T
     cov = of_camera @ found.cov @ of_camera.T + of_arm @ found.cov_numbers[part, part] @ of_arm.T
@@ -54,4 +55,4 @@ def task_accuracy(found: Adjusted, arm: ArmKnown, q: Array, distance_m: float) -
     def below(off: Array) -> float:
         return float(np.quantile(np.linalg.norm(off[:, None] + drawn, axis=0), _EXPECTED))
 
-    return TaskAccuracy(below(of_arm @ found.numbers[part]), below(np.zeros(3)))
+    return TaskAccuracy(below(place @ error), below(np.zeros(3)))

@@ -69,7 +69,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class AdjustedState:
-    """Where the adjustment is; the images of ``problem`` were solved with the numbers ``base``."""
+    """Where the adjustment is; images and flange of ``problem`` are those of the numbers ``base``."""
 
     problem: Problem
     at: Estimate
@@ -149,10 +149,15 @@ def moved_problem(of: Unknowns, state: AdjustedState, moves: Array) -> Problem:
     """The problem as it is with the numbers of ``state``; ``moves`` (n, 6, c) are those of the images."""
     problem, numbers = state.problem, state.numbers
     C = se3.exp(moves @ (numbers - state.base)[of.images]) @ problem.C
-    twist = of.flange @ numbers[of.arm]
-    if problem.setup == "eye-in-hand":
-        return replace(problem, C=C, G=se3.exp(-twist) @ problem.G)
-    return replace(problem, C=C, G=problem.G @ se3.exp(twist))
+    twist = of.flange @ (numbers - state.base)[of.arm]
+    return with_flange_moved(replace(problem, C=C), se3.exp(twist), se3.exp(-twist))
+
+
+def with_flange_moved(problem: Problem, motion: Array, back: Array | None = None) -> Problem:
+    """``problem`` with its flange moved by ``motion`` (n, 4, 4) in its own frame; ``back`` undoes that."""
+    if problem.setup == "eye-to-hand":
+        return replace(problem, G=problem.G @ motion)
+    return replace(problem, G=(se3.inverse(motion) if back is None else back) @ problem.G)
 
 
 def observations(of: Unknowns, state: AdjustedState, images: ImageTerms, lin: Linearised) -> Observations:

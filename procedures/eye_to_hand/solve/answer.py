@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.adjustment.arm_accuracy import arm_with
+from calibration.adjustment.arm_about import arm_with
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.mount import PLACE_DOUBTED, GivenPose, Mounted, for_controller
 from calibration.adjustment.mount import Suspicion as GivenSuspicion

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.adjustment.arm_accuracy import arm_with
+from calibration.adjustment.arm_about import arm_with
 from calibration.adjustment.mount import Mounted
 from calibration.adjustment.target_correction import CONSTANT, MODEL
 from calibration.adjustment.unknowns import ArmKnown
