@@ -182,7 +182,7 @@ def solve(data: dict[str, Any], method: str | None = None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "intercept.json"
         path.write_text(json.dumps(data))
-        return solve_intercept(path, method=method).as_json()
+        return solve_intercept(path, method=method, calls=2).as_json()
 
 
 def squares(scene: SimulatedSet, result: dict[str, Any]) -> Array:

@@ -17,14 +17,14 @@ ADAPTIVE, CLASSIC = "adaptive", "classic"
 
 @within_limits
 def solve_intercept(
-    path: Path, *, method: str | None = None, progress: Progress | None = None, calls: int = 2
+    path: Path, *, method: str | None = None, progress: Progress | None = None, calls: int = 1
 ) -> InterceptResult | Result:
     """The result of an intercept data set: its JSON file, or a folder with one.
 
     ``method`` is ``adaptive`` (the default) or ``classic``. Each answer is made of data
-    stamped at or before its query. ``calls``: how often it is solved to tell its time; a job, which nobody
-    compares by it, needs one. Bad input raises an ``InputError``; data that cannot determine the answers
-    give a result with verdict ``fail``.
+    stamped at or before its query. ``calls``: how often it is solved, for those who compare its
+    time. Bad input raises an ``InputError``; data that cannot determine the answers give a result with
+    verdict ``fail``.
     """
     chosen = method or ADAPTIVE
     if chosen not in (ADAPTIVE, CLASSIC):

@@ -63,12 +63,12 @@ def solve_axbc(
     method: str | None = None,
     targets: Path | None = None,
     progress: Progress | None = None,
-    calls: int = 2,
+    calls: int = 1,
 ) -> AxbcResult | Result:
     """The result of a ``cellward.axbc/1``: its folder or its file.
 
     ``targets`` is a ``cellward.axbc-targets/1``: poses of the flange in the camera whose commands are wanted.
-    ``calls``: how often it is solved to tell its time. Bad input raises an ``InputError``.
+    ``calls``: how often it is solved, for those who compare its time. Bad input raises an ``InputError``.
     """
     if method is not None:
         raise error("ARGUMENT_INVALID", f"method is {method!r}; axbc has one method only, leave it out")

@@ -49,7 +49,7 @@ def solve_hand_eye(
     predict: Path | None = None,
     robot: Path | Mapping[str, Any] | None = None,
     progress: Progress | None = None,
-    calls: int = 2,
+    calls: int = 1,
 ) -> HandEyeResult | Result:
     """The result of a capture data set: its folder or its ``capture.json``.
 
@@ -60,8 +60,8 @@ def solve_hand_eye(
     ``cellward.capture-query/1``: joints whose flange poses are wanted. ``robot`` is a ROBOT, or the file of
     one: the flange poses are then its at the stored joints.
     ``progress(stage, done, total)`` is called now and then. ``solve_seconds`` is the shortest time of
-    ``calls`` calls; a job, which nobody compares by it, needs one. Bad input raises an ``InputError``; data
-    that cannot determine the answer give a result with verdict ``fail``.
+    ``calls`` calls, for those who compare it. Bad input raises an ``InputError``; data that cannot determine
+    the answer give a result with verdict ``fail``.
     """
     known_methods = (ADJUSTMENT, ML, *METHODS, CLASSIC, CLASSIC_LEAST_SQUARES)
     if method not in (None, *known_methods):

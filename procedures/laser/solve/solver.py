@@ -37,15 +37,15 @@ def solve_laser(
     method: str | None = None,
     progress: Progress | None = None,
     limits: Mapping[str, float] | None = None,
-    calls: int = 2,
+    calls: int = 1,
 ) -> LaserResult | Result:
     """The result of kind ``laser`` from a data set, its folder or its ``laser.json``.
 
     ``method`` is ``interval`` (the likelihood of the polls' intervals, the default), ``averaging`` (their
     middles, otherwise the same) or ``classic``. ``limits`` may hold ``max_shift_m`` and
     ``max_tilt_rad``: beyond them the tool is bent, the verdict is fail and the answer is given all the same.
-    ``solve_seconds`` is the shortest time of ``calls`` calls (one where it takes long); a job, which nobody
-    compares by it, needs one.
+    ``solve_seconds`` is the shortest time of ``calls`` calls (one where it takes long), for those who
+    compare it.
     Bad input raises an ``InputError``; data that cannot determine the answer give ``result`` null.
     """
     chosen = method or INTERVAL
@@ -80,7 +80,7 @@ def solve_laser(
 
 
 @within_limits
-def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2) -> ReferenceResult | Result:
+def solve_reference(path: Path, progress: Progress | None = None, calls: int = 1) -> ReferenceResult | Result:
     """The result of kind ``laser-reference`` from the reference passes of a data set.
 
     They cross each beam at two places 40 mm apart or more. ``current.passes`` may be empty, and is not

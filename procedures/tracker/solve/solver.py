@@ -37,16 +37,16 @@ def solve_kincal(
     targets: Path | None = None,
     robot: Path | None = None,
     progress: Progress | None = None,
-    calls: int = 2,
+    calls: int = 1,
 ) -> KincalResult | Result:
     """The result of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
 
     ``method`` is ``adjustment`` (weighted maximum likelihood by variable projection of geometry, gears and
     sag, the default), ``ml`` (of the geometry alone) or ``classic``.
     ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
-    ``robot`` one with the ROBOT. ``calls``: how often it is solved to tell its time; a job, which nobody
-    compares by it, needs one. Bad input raises an ``InputError``; data that cannot determine the arm give
-    a result with verdict ``fail``.
+    ``robot`` one with the ROBOT. ``calls``: how often it is solved, for those who compare its
+    time. Bad input raises an ``InputError``; data that cannot determine the arm give a result with verdict
+    ``fail``.
     """
     chosen = method or ADJUSTMENT
     if chosen not in (ADJUSTMENT, ML, CLASSIC):

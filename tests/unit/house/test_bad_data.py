@@ -167,6 +167,27 @@ def test_an_answer_that_takes_long_is_not_computed_twice(
     assert len(calls) == 1
 
 
+def test_an_answer_is_computed_once_unless_its_time_is_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bench.intercept import make
+    from procedures import timed
+    from procedures.belt.solve import solver as intercept
+    from procedures.hand_eye.solve import solver as hand_eye
+
+    calls = []
+    solve_adaptive, solve = intercept.solve_adaptive, hand_eye.solve
+    monkeypatch.setattr(timed, "LONG_S", np.inf)
+    monkeypatch.setattr(intercept, "solve_adaptive", lambda *a: calls.append("belt") or solve_adaptive(*a))
+    monkeypatch.setattr(hand_eye, "solve", lambda *a: calls.append("hand-eye") or solve(*a))
+    (tmp_path / "intercept.json").write_text(json.dumps(make("wrap", 3, seconds=6.0, queries=2).data))
+    intercept.solve_intercept(tmp_path)
+    hand_eye.solve_hand_eye(hand_eye_scene.make_scene(2, count=12).write(tmp_path))
+    assert calls == ["belt", "hand-eye"]
+    hand_eye.solve_hand_eye(tmp_path, calls=2)
+    assert calls[2:] == ["hand-eye"] * 2
+
+
 def test_a_job_that_nobody_compares_by_its_time_computes_its_answer_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
