@@ -20,6 +20,11 @@ def told(value: object, spec: str = "") -> str:
     return "unknown" if value is None else format(value, spec)
 
 
+def listed(names: Sequence[str]) -> str:
+    """``arm, lens and target``."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
 def mm(metres: float | None, digits: int = 3) -> str:
     """A length for people."""
     return "unknown" if metres is None else f"{1e3 * metres:.{digits}f} mm"

@@ -371,7 +371,9 @@ class HandEyeResiduals(Part):
         description="Mean distance of the target's poses from their mean, of all usable observations."
     )
     spread_mean: Distance = Field(description="The same, of those used.")
-    loo_mean: LeftOut = Field(description="The same, each judged by a solution that did not see it.")
+    loo_mean: LeftOut = Field(
+        description="The same, each judged by a camera's pose from the others; see heldout.from_all."
+    )
     reprojection_rms_px: Pixels | None = Field(description="Each image with a pose of its own.")
     reprojection_through_arm_rms_px: Pixels | None = Field(
         default=None, description="With the poses that arm and answer predict."
@@ -381,9 +383,13 @@ class HandEyeResiduals(Part):
 
 
 class HandEyeHeldOut(Explained):
-    """The target's pose by observations that the solution did not use."""
+    """The target's pose by observations that the camera's pose was not found from."""
 
     folds: int = Field(description="Parts that the observations were divided into.")
+    from_all: list[str] | None = Field(
+        default=None,
+        description="What was found from all observations and held: of the arm, the lens and the target.",
+    )
     observations: int = Field(description="Observations that were judged.")
     mean: LeftOut = Field(description="Mean distance.")
     rms: LeftOut = Field(description="RMS distance.")

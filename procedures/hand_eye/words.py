@@ -20,7 +20,7 @@ from procedures.hand_eye.result import (
     TargetScale,
 )
 from procedures.plan_words import plan_lines
-from procedures.words import deg, mm, pose_text, sigma_text
+from procedures.words import deg, listed, mm, pose_text, sigma_text
 
 SETUPS = {
     "T_flange_camera": "camera in flange (eye-in-hand)",
@@ -158,7 +158,8 @@ def _residuals(residuals: HandEyeResiduals, held: HandEyeHeldOut) -> list[str]:
     spread, held_out = residuals.spread_mean, residuals.loo_mean
     lines = [f"  mean distance of the target's poses from their mean {mm(spread.t)}, {deg(spread.r)}"]
     if held_out.t is not None:  # leaving one out may leave too few
-        lines.append(f"  each judged by a solution that did not see it {mm(held_out.t)}, {deg(held_out.r)}")
+        colon = ":" if held.from_all else ""
+        lines.append(f"  each judged {by_others(held)}{colon} {mm(held_out.t)}, {deg(held_out.r)}")
     if held.rejected and (off := held.rms_with_rejected) is not None and off.t is not None:
         lines.append(
             f"  held out RMS with the {held.rejected} that were left out counted as well "
@@ -169,6 +170,13 @@ def _residuals(residuals: HandEyeResiduals, held: HandEyeHeldOut) -> list[str]:
     if (pixels := residuals.reprojection_rms_px) is not None:
         lines.append(f"  reprojection {pixels:.3f} px RMS (residuals are not accuracy)")
     return lines
+
+
+def by_others(held: HandEyeHeldOut) -> str:
+    """What judges a pose that was left out, and what of it was found from that pose too."""
+    if not held.from_all:
+        return "by a solution that did not see it"
+    return f"by a camera's pose from the others, with {listed(held.from_all)} as found from all"
 
 
 def _rejected(rejected: Sequence[Rejected]) -> list[str]:

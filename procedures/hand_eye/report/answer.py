@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import HandEyeResult, PlainSpread
+from procedures.hand_eye.words import by_others
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
 from procedures.report.verdict import banner, cards
@@ -41,7 +42,7 @@ def _cards(found: HandEyeResult) -> Html:
             (r95, f"95 % of its rotation errors are below this. Covered: {covered(found)}"),
             (
                 f"{mm(held.t)}, {deg(held.r)}",
-                "held-out check: target's pose by poses that the solution did not see, RMS",
+                f"held-out check, RMS: target's poses judged {by_others(found.heldout)}",
             ),
             (
                 f"{made.used} of {made.observations}",

@@ -6,6 +6,7 @@ from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import (
     Distance,
     HandEyeAnswer,
+    HandEyeHeldOut,
     Intrinsics,
     LeftOut,
     NeighbourBase,
@@ -14,6 +15,7 @@ from procedures.hand_eye.result import (
 from procedures.hand_eye.words import FLOOR_UNKNOWN
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
 from procedures.report.numbers import DASH, deg, mm, mms, px
+from procedures.words import listed
 
 
 def consistency_section(source: HandEyeSource) -> Html | None:
@@ -101,15 +103,22 @@ def _estimates(source: HandEyeSource, answer: HandEyeAnswer) -> Html | None:
     return table(head, rows, "lrrrrr")
 
 
+def _from_all(held: HandEyeHeldOut) -> str:
+    """What was found from the poses that are judged, too."""
+    if not held.from_all:
+        return ""
+    return f" Found from all poses, and held: {listed(held.from_all)}."
+
+
 def held_out_section(source: HandEyeSource) -> Html | None:
-    """Figures from solutions that did not see what they are judged by."""
+    """Figures from camera's poses that were found without what they are judged by."""
     if source.found is None:
         return None
     held, loo = source.found.heldout, source.found.residuals.loo_mean
     meaning = (
         f"The poses were left out in {held.folds} parts. Each part was judged by a "
-        "solution from the rest: target's pose, RMS. It has the arm's errors in it at the places that "
-        "were visited."
+        "camera's pose from the rest: target's pose, RMS. It has the arm's errors in it at the places that "
+        f"were visited.{_from_all(held)}"
     )
     rows: list[tuple[str, object, str]] = [
         (f"Held out, {held.folds} parts, RMS", pair(held.rms), meaning),
@@ -120,11 +129,11 @@ def held_out_section(source: HandEyeSource) -> Html | None:
         rows.append(("Held out, with those left out, RMS", pair(held.rms_with_rejected), meaning))
     if held.rms_by_placement is not None and held.rms_by_placement.t is not None:
         meaning = (
-            "Each placement of the target judged by a solution from the others, RMS: the arm's errors at a "
-            "place that the solution has not seen."
+            "Each placement of the target judged by a camera's pose from the others, RMS: the arm's errors "
+            f"at a place that it was not found from.{_from_all(held)}"
         )
         rows.append(("Held out, by placement, RMS", pair(held.rms_by_placement), meaning))
-    meaning = "Each pose judged by a solution from all others, mean distance."
+    meaning = f"Each pose judged by a camera's pose from all others, mean distance.{_from_all(held)}"
     rows.append(("Leave one out, mean", pair(loo), meaning))
     return section("Held-out check", facts(rows))
 

@@ -47,6 +47,7 @@ from procedures.hand_eye.result import LeftOut as MeanLeftOut
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.neighbours import Neighbours
+from procedures.words import listed
 
 _CROSS_CHECK_POSES = 60  # OpenCV's solvers take the square of this many pairs
 _MANY_REJECTED = 0.25
@@ -283,17 +284,32 @@ def _held_out(solved: Solved, lin: Linearised, P: Array) -> HandEyeHeldOut:
         np.concatenate([left_out.t, t]),
         np.concatenate([left_out.r, r]),
     )
+    held = _found_from_all(solved)
+    meaning = (
+        "target pose seen by observations that the solution did not use, against its own; by "
+        "placement: against the others of its placement, which the solution did not use at all"
+    )
+    if held:
+        meaning += f"; {listed(held)} as found from all observations, those that are judged among them"
     return HandEyeHeldOut(
         folds=5,
+        from_all=held or None,
         observations=len(left_out.rows),
         mean=MeanLeftOut(**left_out.means()),
         rms=MeanLeftOut(**left_out.rms()),
         rejected=len(rows),
         rms_with_rejected=MeanLeftOut(**every.rms()),
         rms_by_placement=MeanLeftOut(**placement.rms()),
-        meaning="target pose seen by observations that the solution did not use, against its own; by "
-        "placement: against the others of its placement, which the solution did not use at all",
+        meaning=meaning,
     )
+
+
+def _found_from_all(solved: Solved) -> list[str]:
+    """The parts of the cell that were found from all observations, and stay as they are when some are left
+    out."""
+    if solved.adjustment is None:
+        return [] if solved.camera.estimated is None else ["lens"]
+    return [*(["arm"] if solved.judged is solved.solution else []), "lens", "target"]
 
 
 def _through_arm(solved: Solved) -> Array:

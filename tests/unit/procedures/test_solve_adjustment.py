@@ -14,6 +14,9 @@ from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
 from cell.errors import InputError
 from cell.poses import from_pose6, to_pose6
+from procedures.documents import read_result
+from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.words import hand_eye_lines
 from tests.kit.hand_eye_scene import BOARD, make_scene
 from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, World, capture, world
 from tests.kit.solved import solve_hand_eye
@@ -88,6 +91,33 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
     first, now = subject["result"]["as_configured"]["spread_across"], subject["result"]["spread_across"]
     assert now["t_norm"] < first["t_norm"], "what was found makes the placements agree better"
+
+
+def told(result: dict[str, Any]) -> str:
+    found = read_result(result)
+    assert isinstance(found, HandEyeResult)
+    return "\n".join(hand_eye_lines(found))
+
+
+def test_held_out_figures_name_what_was_found_from_all_poses(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
+    _, document = imperfect
+    bare = [{k: v for k, v in o.items() if k != "q"} for o in document["observations"]]
+    for data, parts in (
+        (document, ["arm", "lens", "target"]),
+        (document | {"observations": bare}, ["lens", "target"]),
+    ):
+        found = solved(tmp_path, data, "adjustment")
+        assert found["heldout"]["from_all"] == parts
+        words = " and ".join(", ".join(parts).rsplit(", ", 1))
+        assert f"{words} as found from all observations" in found["heldout"]["meaning"]
+        text = told(found)
+        assert f"by a camera's pose from the others, with {words} as found from all: " in text
+        assert "did not see it" not in text
+    plain = solved(tmp_path, document, "ml")
+    assert plain["heldout"]["from_all"] is None
+    assert "by a solution that did not see it" in told(plain)
 
 
 def test_the_arms_accuracy_is_told_from_the_board_alone(
