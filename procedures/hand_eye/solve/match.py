@@ -15,7 +15,7 @@ from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet
 from procedures.hand_eye.solve.joint_zero import CODE as ZERO
 from procedures.hand_eye.solve.joint_zero import joint_zero
 from procedures.hand_eye.solve.mistakes import GivenCapture, explained
-from procedures.hand_eye.solve.other_order import exchanged
+from procedures.hand_eye.solve.other_order import FEWEST_ORDERED, exchanged
 from procedures.hand_eye.solve.other_writing import TIME
 
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
@@ -51,17 +51,25 @@ def check_match(
     mistake = explained(given)
     if mistake is None:
         code = TIME
-        cause = (
-            "the other setup, other units, Euler angles in place of rotation vectors, and from five poses on "
-            "another order of the poses were tried with the numbers of this file, and none explains it; look "
-            "whether poses and images were recorded together and, where the file was imported, at the units "
-            "and the order of angles of that import"
-        )
+        cause = _unexplained(solution.problem.n)
     else:
         code, cause = mistake.code, mistake.text
     raise error(
         "DATA_INVALID",
         f"{loaded.path}: {code}: T_base_flange does not belong to the images: {words}; {cause}",
+    )
+
+
+def _unexplained(n: int) -> str:
+    """What to look for in a set of ``n`` observations whose mistake was not found."""
+    if n >= FEWEST_ORDERED:
+        order = "some of the orders of the poses, not all of them"
+    else:
+        order = f"no other order, which fewer than {FEWEST_ORDERED} poses do not tell"
+    return (
+        "no single mistake was found that makes them fit; tried were the other setup, other units and Euler "
+        f"angles in place of rotation vectors, with the numbers of this file, and {order}; check that each "
+        "pose was recorded with its own image, and in an imported file the units and the order of angles"
     )
 
 

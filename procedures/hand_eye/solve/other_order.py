@@ -14,7 +14,7 @@ from cell.poses import Array
 from procedures.hand_eye.solve.other_writing import LEVER_M
 
 Order = NDArray[np.int64]
-_FEWEST = 5  # of fewer poses some order fits always
+FEWEST_ORDERED = 5  # of fewer poses some order fits always
 _SHIFTS = 3  # that are tried, the best ones by their angles
 _ROUNDS = 5
 _MOST = 200  # observations that are compared with each other
@@ -24,7 +24,7 @@ _AS_GOOD = 4.0  # times the median of the observations in use
 def other_orders(problem: Problem) -> Iterator[tuple[str, Order]]:
     """Orders (n,) worth a look, in words: pose ``order[k]`` belongs to image k."""
     n = problem.n
-    if n < _FEWEST:
+    if n < FEWEST_ORDERED:
         return
     forward = np.arange(n)
     for order in _shifted(problem):

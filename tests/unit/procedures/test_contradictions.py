@@ -90,3 +90,28 @@ def test_a_copy_is_used_once(with_joints: Document, tmp_path: Path) -> None:
     reasons = [r["reason"] for r in result["result"]["rejected"]]  # type: ignore[index]
     assert len(reasons) == 3
     assert all(reason.startswith("a copy of observation") for reason in reasons)
+
+
+def test_a_mistake_that_is_not_found_is_told_with_what_was_tried(tmp_path: Path) -> None:
+    """Poses of several placements in disorder: the order is out there, so it is not said to be none."""
+    rng = np.random.default_rng([3, 77])
+    document = good(rng, joints=True)
+    KINDS["shuffled"].spoil(rng, document)
+    found, words = told(document, tmp_path)
+    assert found == {"poses.time"}
+    assert "and some of the orders of the poses, not all of them" in words
+    assert "check that each pose was recorded with its own image" in words
+    assert "none explains" not in words
+
+
+def test_the_order_of_few_poses_is_not_said_to_have_been_tried(with_joints: Document, tmp_path: Path) -> None:
+    document = without_joints(deepcopy(with_joints))
+    few = document["observations"][:4]
+    poses = [o["T_base_flange"] for o in few]
+    rng = np.random.default_rng(4)
+    for observation, pose in zip(few, poses, strict=True):
+        observation["T_base_flange"] = [*pose[:3], *rng.normal(size=3)]
+    document["observations"] = few
+    found, words = told(document, tmp_path)
+    assert found == {"poses.time"}
+    assert "no other order, which fewer than 5 poses do not tell" in words

@@ -162,7 +162,9 @@ def test_degrees_that_were_wrapped_as_radians_are_not_said_to_be_ruled_out(tmp_p
         wrapped = Rotation.from_rotvec(np.degrees(vector)).as_rotvec()
         observation["T_base_flange"] = [*place.tolist(), *wrapped.tolist()]
     (tmp_path / "capture.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match=r"poses\.time.*look whether.*at the units and the order of angles"):
+    with pytest.raises(
+        InputError, match=r"poses\.time.*some of the orders.*the units and the order of angles"
+    ):
         solve_hand_eye(tmp_path)
 
 
