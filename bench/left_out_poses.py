@@ -8,12 +8,13 @@ of errors inside the stated 95 % in translation and in rotation. Then the same f
 counted that the solution rejects; and, where there are several placements, for each placement left out as a
 whole: the target's pose there as one image has it, predicted for the next image. What is stated is the
 uncertainty of X, target, lens and numbers with that of the pose itself: its corners and its flange, by the
-noise levels found.
+noise levels found. ``--equal-weights`` weighs every pose alike in place of that, whatever its image tells:
+1 mm and 3 mrad of the flange, beside which the corners' noise does not count.
 """
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -43,6 +44,7 @@ from procedures.hand_eye.solve.capture import CaptureSet, load_capture
 from procedures.hand_eye.solve.solver import given_noise, measurements
 
 _STEP = 1e-6
+_ALIKE = {"sigma_px": 0.05, "sigma_flange_t": 1e-3, "sigma_flange_r": 3e-3}
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,14 @@ class OnePose:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("sets", nargs="+", type=Path)
+    parser.add_argument("--equal-weights", action="store_true")
+    options = parser.parse_args()
     cv2.setNumThreads(1)
     head = f"{'poses':>6}{'mean mm':>9}{'deg':>8}{'RMS mm':>9}{'deg':>8}"
     head += f"{'stated mm':>11}{'deg':>8}{'m2':>7}{'t %':>6}{'r %':>6}"
     print(f"{'':48}{head}")
-    for path in parser.parse_args().sets:
-        capture = _capture(path)
+    for path in options.sets:
+        capture = _capture(path, options.equal_weights)
         errors = list(left_out(capture))
         print(f"{path.name:34}{'used':>14}{row([one for one in errors if one.used])}")
         print(f"{'':34}{'all':>14}{row(errors)}", flush=True)
@@ -103,16 +107,18 @@ def row(errors: list[PredictionError]) -> str:
 
 @dataclass(frozen=True)
 class Capture:
-    """A data set, its camera, the usable ``rows`` (n,), and the joints of each of them where it has any."""
+    """A data set, its camera, the usable ``rows`` (n,), and the joints of each of them where it has any; the
+    ``noise`` levels that are given."""
 
     loaded: CaptureSet
     camera: Intrinsics
     known: KnownParts
     rows: NDArray[np.int64]
     arm: ArmKnown | None
+    noise: Mapping[str, float]
 
 
-def _capture(path: Path) -> Capture:
+def _capture(path: Path, alike: bool = False) -> Capture:
     loaded = load_capture(path)
     choice = choose_camera(loaded, adjusts=True)
     check_views(loaded, choice.camera)
@@ -130,7 +136,8 @@ def _capture(path: Path) -> Capture:
     arm = None
     if given is not None:
         arm = ArmKnown(given.spec.arm, given.Q, np.tile([-np.pi, np.pi], (JOINTS, 1)), known.arm)
-    return Capture(loaded, choice.camera, known, rows, arm)
+    noise = _ALIKE if alike else given_noise(loaded)
+    return Capture(loaded, choice.camera, known, rows, arm, noise)
 
 
 @dataclass(frozen=True)
@@ -149,7 +156,7 @@ def _without(capture: Capture, out: NDArray[np.int64]) -> WithoutSome:
     loaded, rows = capture.loaded, capture.rows
     kept = np.delete(np.arange(len(rows)), out)
     measured = measurements(loaded, rows[kept])
-    first = _solved(measured, loaded, capture.camera)
+    first = _solved(measured, capture)
     arm: ArmKnown | SharedErrors
     if capture.arm is None:
         arm = shared_errors(measured.F[first.used], capture.known.arm)
@@ -175,7 +182,7 @@ def _without(capture: Capture, out: NDArray[np.int64]) -> WithoutSome:
 def left_out(capture: Capture) -> Iterator[PredictionError]:
     """Every usable pose of one capture that still has others of its placement."""
     loaded, rows = capture.loaded, capture.rows
-    whole = _solved(measurements(loaded, rows), loaded, capture.camera)
+    whole = _solved(measurements(loaded, rows), capture)
     for k in range(len(rows)):
         others = np.delete(rows, k)
         if loaded.group[rows[k]] not in loaded.group[others]:
@@ -190,7 +197,7 @@ def left_out(capture: Capture) -> Iterator[PredictionError]:
 def left_out_placements(capture: Capture) -> Iterator[PredictionError]:
     """The poses of every placement, by all other placements and the pose before it in its own."""
     group = capture.loaded.group[capture.rows]
-    whole = _solved(measurements(capture.loaded, capture.rows), capture.loaded, capture.camera)
+    whole = _solved(measurements(capture.loaded, capture.rows), capture)
     for g in np.unique(group) if len(np.unique(group)) > 1 else []:
         without = _without(capture, np.flatnonzero(group == g))
         seen = [k for k in without.others if whole.used[k]]
@@ -198,8 +205,8 @@ def left_out_placements(capture: Capture) -> Iterator[PredictionError]:
             yield _predicted(without, without.others[k], without.others[before], True)
 
 
-def _solved(measured: Measurements, loaded: CaptureSet, camera: Intrinsics) -> Solution:
-    found = solve(measured, camera, given_noise(loaded))
+def _solved(measured: Measurements, capture: Capture) -> Solution:
+    found = solve(measured, capture.camera, capture.noise)
     if not isinstance(found, Solution):
         sys.exit(f"refused: {found.words}")
     return found
