@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from daemon.config import CellConfig
 from daemon.config.recipes import Recipe
 from daemon.job_config import make_procedure
@@ -155,4 +155,7 @@ def _ledger_of(config: CellConfig) -> "Ledger | None":
     from cell.store.ledger import Ledger
 
     path = Path(config.cell.state_dir) / "ledger.sqlite"
-    return Ledger(path, read_only=True) if path.exists() else None
+    try:
+        return Ledger(path, read_only=True) if path.exists() else None
+    except PermissionError as exc:
+        raise error("ACCESS_DENIED", f"{path}: {exc.strerror}") from exc

@@ -59,18 +59,18 @@ def check(
         return list_installed(drivers, jobs, as_json)
     if record is not None and not probe:
         raise error("ARGUMENT_INVALID", "--record writes down what --probe does; give both")
-    path = config_path(config)
+    path, valid = config or DEFAULT_CONFIG, False
     try:
-        loaded = load_config(path)
+        loaded = load_config(config_path(config))
+        valid = True
+        expected, arm, absent = predictions(loaded), arm_in_use(loaded), without_reference(loaded)
     except CellError as exc:
         if as_json:
-            out_json({"config": str(path), "valid": False, **_as_findings(path, exc)})
+            out_json({"config": str(path), "valid": valid, **_as_findings(path, exc)})
         raise
-    expected = predictions(loaded)
     problems = [*loaded.problems, *_not_told_yet(found_in(expected, "problems"), loaded.problems)]
-    arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
-    doubts += without_reference(loaded)
+    doubts += absent
     full = low_space(loaded)
     barred = not_permitted(loaded) if loaded.source == str(DEFAULT_CONFIG) else []
     cautions = found_in(expected, "cautions")

@@ -20,6 +20,7 @@ from procedures.hand_eye.plan import plan_placement
 from procedures.laser.plan import plan_scan
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.object_cell import PLANNERS, write_config
+from tests.kit.permissions import without_override
 from tests.kit.remembered import predicted_roughly
 
 BOX = [{"min": [-1.5, -1.5, -1.0], "max": [1.5, 1.5, 2.0]}]
@@ -365,6 +366,26 @@ def test_a_file_with_findings_gives_them_as_json_on_stdout_with_exit_code_2(
     path.write_text("schema = = 1")
     done = subject("check", "-c", path, "--json")
     assert (done.code, len(json.loads(done.out)["findings"])) == (2, 1)
+
+
+def test_a_file_that_is_missing_is_json_as_well(subject: CommandLine, tmp_path: Path) -> None:
+    done = subject("check", "-c", tmp_path / "absent.toml", "--json")
+    shown = json.loads(done.out)
+    assert (done.code, shown["valid"], shown["error"]["name"]) == (2, False, "FILE_MISSING")
+
+
+def test_a_ledger_that_this_user_may_not_read_keeps_no_file_from_being_checked(
+    subject: CommandLine, beams: Path
+) -> None:
+    state = Path(load_config(beams).cell.state_dir)
+    state.mkdir(exist_ok=True)
+    state.chmod(0)
+    with without_override():
+        done = subject("check", "-c", beams)
+    state.chmod(0o755)
+    assert done.code == 0, done.err
+    assert "what is accepted is not known: This user may not use" in done.out
+    assert "laser-reference" in done.out
 
 
 def test_a_limit_of_acceptance_below_the_prediction_cannot_be_passed(
