@@ -161,7 +161,8 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
     weight = inverse_spd(V)
     m = obs.of_global.shape[2]
     N, g = np.zeros((m, m)), np.zeros(m)
-    LL, LG, gl = np.zeros((obs.groups, 6, 6)), np.zeros((obs.groups, 6, m)), np.zeros((obs.groups, 6))
+    groups = obs.groups
+    LL, LG, gl = np.zeros((groups, 6, 6)), np.zeros((groups, 6, m)), np.zeros((groups, 6))
     for rows in row_blocks(obs.n):
         G, L, P, r = obs.of_global[rows], obs.of_local[rows], weight[rows], obs.r[rows]
         PG, PL = P @ G, P @ L

@@ -46,7 +46,7 @@ from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.solution import excess_of as excess_over
-from calibration.hand_eye.views import CornerSet, ideal_corners
+from calibration.hand_eye.views import CornerSet, blocks, ideal_corners
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -336,4 +336,10 @@ def numbered_alike(
 
 
 def _printed(views: Sequence[CornerSet], shape: TargetShape, numbers: Array) -> list[CornerSet]:
-    return [replace(view, points=shape.moved(view.points, numbers)) for view in views]
+    out = []
+    for rows in blocks(len(views)):
+        some = views[rows]
+        points = shape.moved(np.concatenate([v.points for v in some]), numbers)
+        own = np.split(points, np.cumsum([len(v.points) for v in some])[:-1])
+        out += [CornerSet(p, v.corners, v.count, v.start) for p, v in zip(own, some, strict=True)]
+    return out
