@@ -92,6 +92,23 @@ def estimated(
     return found
 
 
+def with_mean_scales(obs: Observations, prior: Prior, at: Array, found: Components) -> Components:
+    """``found`` with the free scales at the root of the mean of their squares: those found are the most
+    likely ones, and a scale that few numbers tell may be larger by more than it may be smaller.
+
+    The logarithm of a squared scale is taken as normal, with the curvature of its likelihood.
+    """
+    if not found.free & set(found.scale):
+        return found
+    _, metric = _score(obs, prior, at, found)
+    variance = 1.0 / np.diag(metric)[len(found.sigma) :]
+    mean = {
+        name: scale * float(np.exp(0.25 * v)) if name in found.free else scale
+        for (name, scale), v in zip(found.scale.items(), variance, strict=True)
+    }
+    return replace(found, scale=mean)
+
+
 def evidence(obs: Observations, prior: Prior, at: Array, now: Components) -> float:
     """Logarithm of the restricted likelihood of ``now``, up to a constant of the observations alone; every
     prior enters with its size, so sets of unknowns can be compared by it.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment.arm_about import ArmAbout
-from calibration.adjustment.components import Components, estimated
+from calibration.adjustment.components import Components, estimated, with_mean_scales
 from calibration.adjustment.equations import Equations
 from calibration.adjustment.jackknife import Checked, Jackknife, checked, jackknife
 from calibration.adjustment.lens_terms import (
@@ -66,9 +66,10 @@ class Adjusted:
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it; ``cross`` (6, p) is the covariance of X with the
     numbers, ``cross_W`` (g, 6, 6 + p) that of each W with X and the numbers. ``components`` are noise levels
-    and scales, ``camera`` is the lens that was found, ``shape`` what the bow of the target is measured from,
-    ``problem`` the used observations as that lens, target and arm have them. ``by_leaving_out`` is what
-    ``cov`` was checked against; what it added is in the budget's noise. ``arm_at`` (a,): the numbers of the
+    and scales, those of an arm with joints as they enter the covariances; ``camera`` is the lens that was
+    found, ``shape`` what the bow of the target is measured from, ``problem`` the used observations as that
+    lens, target and arm have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is
+    in the budget's noise. ``arm_at`` (a,): the numbers of the
     arm about which its flange was taken as linear, zero where that holds about the arm as it is configured.
     """
 
@@ -161,9 +162,15 @@ def adjust(
             again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
             state = replace(state, problem=again_seen)
         state = replace(state, base=base)
-    cov = eq.covariance
     excess = excess_of(of, state, images)
-    by_leaving_out = checked(cov[:6, :6], left_out(of, state, images), excess)
+    by_jackknife = left_out(of, state, images)
+    if isinstance(arm, ArmKnown):  # few poses tell its scales to some ten per cent
+        obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
+        x0 = np.concatenate([np.zeros(6), state.numbers])
+        state = replace(state, components=with_mean_scales(obs, of.prior, x0, state.components))
+        eq = state.components.equations(obs, of.prior, x0)
+    cov = eq.covariance
+    by_leaving_out = checked(cov[:6, :6], by_jackknife, excess)
     causes = {name: excess * part for name, part in budget(eq, of.blocks).items()}
     causes[NOISE] = causes[NOISE] + np.diag(by_leaving_out.added)
     return Adjusted(

@@ -1,8 +1,17 @@
 """Scales that data tell: what a set of unknowns is worth, and observations that are held as sums."""
 
-import numpy as np
+from dataclasses import replace
 
-from calibration.adjustment.components import SCALE_FACTOR, Components, estimated, evidence
+import numpy as np
+import pytest
+
+from calibration.adjustment.components import (
+    SCALE_FACTOR,
+    Components,
+    estimated,
+    evidence,
+    with_mean_scales,
+)
 from calibration.adjustment.equations import Observations, Prior
 from cell.poses import Array
 
@@ -81,3 +90,23 @@ def test_a_scale_that_is_found_is_the_most_likely_one() -> None:
 def test_noise_does_not_fall_below_what_was_given() -> None:
     sums, prior, at = as_sums()
     assert estimated(sums, prior, at, components(noise=0.7)).sigma["noise"] == np.float64(0.7)
+
+
+def test_a_scale_that_few_numbers_tell_enters_covariances_by_the_mean_of_its_square() -> None:
+    """Against the density of the scale's logarithm, summed over it: the likeliest scale states too little."""
+    obs = one_by_one()
+    noise_known = replace(components(), free=frozenset(["second"]))
+    found = estimated(obs, PRIOR, AT, noise_known)
+    theta = np.linspace(-8.0, 8.0, 801) + 2.0 * np.log(found.scale["second"])
+    worth = np.array(
+        [evidence(obs, PRIOR, AT, replace(found, scale={"second": float(np.exp(0.5 * t))})) for t in theta]
+    )
+    density = np.exp(worth - worth.max())
+    squared = float(np.sum(density * np.exp(theta)) / np.sum(density))
+    subject = with_mean_scales(obs, PRIOR, AT, found)
+    assert subject.scale["second"] > 1.02 * found.scale["second"]
+    assert subject.scale["second"] == pytest.approx(np.sqrt(squared), rel=0.15)
+    assert subject.sigma == found.sigma
+    assert with_mean_scales(obs, PRIOR, AT, replace(found, free=frozenset())) == replace(
+        found, free=frozenset()
+    )
