@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.adjustment.arm_about import ArmAbout
 from calibration.adjustment.components import Components, estimated, with_mean_scales
-from calibration.adjustment.equations import Equations
+from calibration.adjustment.equations import Equations, Observations
 from calibration.adjustment.jackknife import Checked, Jackknife, checked, jackknife
 from calibration.adjustment.lens_terms import (
     ImageTerms,
@@ -163,10 +163,9 @@ def adjust(
             state = replace(state, problem=again_seen)
         state = replace(state, base=base)
     excess = excess_of(of, state, images)
-    by_jackknife = left_out(of, state, images)
+    obs, x0 = _at(of, state, images)
+    by_jackknife = jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
     if isinstance(arm, ArmKnown):  # few poses tell its scales to some ten per cent
-        obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
-        x0 = np.concatenate([np.zeros(6), state.numbers])
         state = replace(state, components=with_mean_scales(obs, of.prior, x0, state.components))
         eq = state.components.equations(obs, of.prior, x0)
     cov = eq.covariance
@@ -313,9 +312,14 @@ def _step(
 
 def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Jackknife:
     """Of X, by leaving out observations."""
-    obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
-    x0 = np.concatenate([np.zeros(6), state.numbers])
+    obs, x0 = _at(of, state, images)
     return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
+
+
+def _at(of: Unknowns, state: AdjustedState, images: ImageTerms) -> tuple[Observations, Array]:
+    """The observations at ``state``, and where the global unknowns are."""
+    obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
+    return obs, np.concatenate([np.zeros(6), state.numbers])
 
 
 def excess_of(of: Unknowns, state: AdjustedState, images: ImageTerms) -> float:
