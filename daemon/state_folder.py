@@ -85,6 +85,11 @@ def _end_in_the_ledger(runs: Path, ledger: Ledger) -> None:
 
 def damage_text(damage: Mapping[str, Any]) -> str:
     """What became of a ledger that was damaged or missing, in one sentence."""
+    if why := damage.get("still_open"):
+        return (
+            f"the ledger is damaged ({why}); start the daemon anew: it keeps the file and brings the "
+            "committed calibrations back"
+        )
     if damage.get("aside") is None:
         begun = "the ledger was missing, and a new one was begun"
     else:

@@ -1,5 +1,6 @@
 """Transactions and queries on the ledger's file."""
 
+import logging
 import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -8,7 +9,10 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+from cell.errors import CellError
 from cell.store._database import disk_error
+
+log = logging.getLogger("cellward.ledger")
 
 
 class LedgerFile(ABC):
@@ -18,6 +22,7 @@ class LedgerFile(ABC):
         self.path, self._wall, self._db = path, wall, db
         self._lock = RLock()
         self._in_transaction = self._versions_changed = False
+        self._broken: dict[str, Any] | None = None
 
     def close(self) -> None:
         with self._lock:
@@ -41,7 +46,7 @@ class LedgerFile(ABC):
                 if self._versions_changed:
                     self._versions_written()
             except sqlite3.Error as exc:
-                raise disk_error(self.path, exc) from exc
+                raise self._refusal(exc) from exc
             finally:
                 self._in_transaction = False
                 with suppress(sqlite3.Error):  # what ended the transaction is told, not what followed
@@ -53,7 +58,15 @@ class LedgerFile(ABC):
             try:
                 return [dict(row) for row in self._db.execute(query, values).fetchall()]
             except sqlite3.Error as exc:
-                raise disk_error(self.path, exc) from exc
+                raise self._refusal(exc) from exc
+
+    def _refusal(self, exc: sqlite3.Error) -> CellError:
+        """SQLite's complaint as a coded error; a damaged file is remembered until it is closed."""
+        refusal = disk_error(self.path, exc)
+        if refusal.name == "LEDGER_DAMAGED" and self._broken is None:
+            self._broken = {"aside": None, "at": self._wall(), "still_open": refusal.detail}
+            log.error("%s", refusal)
+        return refusal
 
     @abstractmethod
     def _copy_versions(self) -> None:

@@ -79,13 +79,16 @@ class Ledger(Records):
     def damage(self) -> dict[str, Any] | None:
         """What a damaged or missing predecessor cost, until somebody acknowledges it; from memory.
 
-        ``aside`` (None: the file was missing), ``at``, and what :func:`bring_back` tells.
+        ``aside`` (None: the file was missing), ``at``, what :func:`bring_back` tells; ``still_open``: why the
+        open file itself is damaged.
         """
-        return self._damage
+        return self._broken or self._damage
 
     def acknowledge_damage(self) -> dict[str, Any]:
-        """Somebody has seen it; ``NOT_NOW`` when there is nothing to acknowledge."""
-        found = self.damage()
+        """Somebody has seen it; ``NOT_NOW`` when there is nothing to acknowledge, or while it is so still."""
+        if self._broken is not None:
+            raise error("NOT_NOW", "the ledger is still damaged: start the daemon anew first")
+        found = self._damage
         if found is None:
             raise error("NOT_NOW", "the ledger was not damaged, or that is acknowledged")
         self.set_state(DAMAGE_KEY, None)

@@ -24,6 +24,9 @@ _BOOT_UP, _OPERATIONAL = 0, 5
 _SDO_TIMEOUT_S = 0.2
 _MOST_BOOTS = 3  # during one setup
 _BEATS_MISSED = 3.0
+_SAID_AGAIN_S = 60.0  # a node may change between two emergencies at the rate of the bus
+_MOST_SAID = 64
+_MANY = f"each is told once in {_SAID_AGAIN_S:g} s"
 
 
 class CanopenEncoder(CanEncoder):
@@ -49,6 +52,7 @@ class CanopenEncoder(CanEncoder):
         self._wrong_beats = 0
         self._state = _OPERATIONAL
         self._emergency = ""
+        self._said: dict[str, float] = {}
         self._speed: int | None = None
 
     async def close(self) -> None:
@@ -203,9 +207,21 @@ class CanopenEncoder(CanEncoder):
         words = emergency_words(code, register) if code or register else ""
         if words == self._emergency:
             return
-        if words:
+        if not self._worth_a_line(words):
+            if self._worth_a_line(_MANY):
+                log.warning("%s: node %d's emergencies change often: %s", self.name, self._config.node, _MANY)
+        elif words:
             log.warning("%s: node %d reports %s", self.name, self._config.node, words)
         else:
             log.info("%s: node %d is without error again", self.name, self._config.node)
         self._emergency = words
         self._quality = Quality.DEGRADED if words else Quality.GOOD
+
+    def _worth_a_line(self, words: str) -> bool:
+        """Not for what was told within the last minute, nor for ever new codes."""
+        now = self._clock.now()
+        self._said = {said: t for said, t in self._said.items() if now - t < _SAID_AGAIN_S}
+        if words in self._said or (len(self._said) >= _MOST_SAID and words != _MANY):
+            return False
+        self._said[words] = now
+        return True

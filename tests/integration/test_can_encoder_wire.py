@@ -199,6 +199,23 @@ def test_an_emergency_is_told_in_words_until_it_is_taken_back(
     play(interface, script)
 
 
+def test_emergencies_that_alternate_fill_no_log(interface: str, caplog: pytest.LogCaptureFixture) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        with caplog.at_level("INFO", "cellward.devices"):
+            for code in (0x4210, 0x8120) * 20:
+                rig.faults.inject(Fault.ALARM, {"code": code, "register": 9})
+            await device.wait_fresh(5.0)
+            assert device.health()["emergency"].startswith("CAN error passive")
+        told = [r.getMessage() for r in caplog.records if r.name == "cellward.devices"]
+        assert [text.split("(")[0] for text in told] == [
+            f"belt: node {NODE} reports temperature of the device ",
+            f"belt: node {NODE} reports CAN error passive ",
+            f"belt: node {NODE}'s emergencies change often: each is told once in 60 s",
+        ]
+
+    play(interface, script)
+
+
 def test_a_node_whose_heart_stops_is_lost_though_positions_come(interface: str) -> None:
     async def script(rig: CanRig, device: CanopenEncoder) -> None:
         other_master = rig.bus.join(lambda frame, t: None)

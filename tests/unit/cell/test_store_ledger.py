@@ -19,6 +19,7 @@ from cell.errors import CellError
 from cell.store import _database
 from cell.store.ledger import Effective, Ledger
 from cell.store.runs import RunFolder
+from daemon.state_folder import damage_text
 
 NAME = "T_flange_camera"
 CONFIG = [0, -0.08, 0.05, 0, 0, 0]
@@ -361,6 +362,23 @@ def test_a_ledger_that_is_damaged_while_it_is_open_refuses_with_a_code(subject: 
             call()
         assert refused.value.name == "LEDGER_DAMAGED"
         assert "cellward recover" in refused.value.hint
+
+
+def test_damage_that_is_found_while_the_ledger_is_open_is_told_until_it_was_opened_anew(
+    subject: Ledger, caplog: pytest.LogCaptureFixture
+) -> None:
+    damage_schema(subject.path)
+    assert subject.damage() is None
+    for _ in range(2):
+        with pytest.raises(CellError):
+            subject.end_run(1, "complete", None)
+    told = subject.damage()
+    assert told is not None
+    assert "start the daemon anew" in damage_text(told)
+    assert len(caplog.records) == 1
+    with pytest.raises(CellError, match="still damaged") as refused:
+        subject.acknowledge_damage()
+    assert refused.value.name == "NOT_NOW"
 
 
 def test_a_number_that_is_entered_twice_is_refused_with_a_code(subject: Ledger) -> None:

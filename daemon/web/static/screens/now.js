@@ -27,7 +27,7 @@ export function Now({ state }) {
       <p class="big">${t("now.interrupted", { run })}</p><p>${t("now.interrupted_do")}</p></${Card}>`)}
     ${state.plc === false && html`<${Card} wide kind="state wait"><p class="big">${t("now.plc_silent")}</p>
       <p>${t("now.plc_silent_do")}</p></${Card}>`}
-    ${status.ledger_damage && html`<${Damage} />`}
+    ${status.ledger_damage && html`<${Damage} open=${status.ledger_damage.still_open} />`}
     ${status.due.map((due) => html`<${Card} wide kind="state wait" key=${due.name}>
       <p class="big">${t("now.due", { name: calibrationName(due.name) })}</p>
       <p>${dueWords(due)}${due.job && html` <a href=${dueStart(due)}>${t("now.due_do", { job: jobName(due.job) })}</a>`}</p></${Card}>`)}
@@ -130,7 +130,11 @@ function ProgramStart({ told }) {
     <p>${told.text}</p></${Card}>`;
 }
 
-function Damage() {
+function Damage({ open }) {
+  if (open) {
+    return html`<${Card} wide kind="state fault"><p class="big">${t("now.damage_open")}</p>
+      <p>${t("now.damage_open_do")}</p></${Card}>`;
+  }
   return html`<${Card} wide kind="state fault"><p class="big">${t("now.damage")}</p><p>${t("now.damage_do")}</p>
     <${Actions}>${(telling) => html`<${Action} disabled=${!may("integrator")}
       run=${telling(() => ask("acknowledge_ledger"))}>${t("now.acknowledge")}</${Action}>`}</${Actions}></${Card}>`;
