@@ -96,7 +96,7 @@ EYE_TO_HAND_CHECK = Step(
     8,
     plc.ARM_OK | plc.CAMERA_OK,
     0,
-    "that camera's pose and the arm's positioning graded by a target at a known place",
+    "that camera's pose and the arm's positioning graded, and targets driven to and seen again",
     twin="eye_to_hand",
     objects=True,
 )
