@@ -102,7 +102,7 @@ class Plc:
                 raise error("CALL_TIMEOUT", f"command {code} was not acknowledged in {ANSWER_TIMEOUT_S:g} s")
             time.sleep(POLL_S)
         if status.result_code >= REFUSED:
-            raise _refusal(code, status.result_code - REFUSED)
+            raise refusal_of(code, status.result_code - REFUSED, "Modbus")
         return status
 
     def _write(self, address: int, values: list[int]) -> None:
@@ -114,8 +114,9 @@ class Plc:
             raise error("PROTOCOL_VIOLATION", f"Modbus {self._address}: writing register {address}: {reply}")
 
 
-def _refusal(command: int, code: int) -> Exception:
+def refusal_of(command: int, code: int, way: str) -> Exception:
+    """The error that the result code of a refused command names."""
     entry = next((e for e in catalogue().values() if e.code == code), None)
     if entry is None:
         return error("NOT_ALLOWED", f"command {command} was refused with result code {code}")
-    return error(entry.name, f"so the daemon answered command {command} over Modbus")
+    return error(entry.name, f"so the daemon answered command {command} over {way}")

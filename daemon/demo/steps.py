@@ -42,6 +42,7 @@ class Step:
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
     params: Mapping[str, Any] = field(default_factory=dict)  # of this run, beside its section of the config
     finds_fault: bool = False  # the twin has a fault that it has to find: its verdict should be "fail"
+    over_can: bool = False  # the PLC starts it over the encoder's CAN bus, not over Modbus
     compares: bool = False  # no run: the runs of its twin before it are judged against each other
 
 
@@ -83,8 +84,9 @@ BELT_TRACKING = Step(
     7,
     plc.ARM_OK | plc.CAMERA_OK | plc.ENCODER_OK,
     45,
-    "10 items picked from a moving belt",
+    "10 items picked from a moving belt, started over CAN",
     twin="picking",
+    over_can=True,
     picks=10,
     given_camera=True,
 )

@@ -1,4 +1,4 @@
-"""The demo on real protocols: twin and daemon as processes, the jobs triggered over Modbus."""
+"""The demo on real protocols: twin and daemon as processes, jobs triggered over Modbus, and one over CAN."""
 
 import json
 import signal
@@ -23,6 +23,7 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.beside import ObjectSteps
+from daemon.demo.can_node import PlcOnCan, share_encoders_bus
 from daemon.demo.children import Child, console_script
 from daemon.demo.closing import Row, close_demo
 from daemon.demo.ending import conclude
@@ -102,6 +103,8 @@ def _play(scene: DemoScene, folder: Path, done: list[Finished], page: DemoPage) 
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:
         page.add_to(config)
         settings = tomllib.loads(config.read_text("utf-8"))
+        if any(step.over_can for step in scene.steps):
+            share_encoders_bus(config, settings["device"][settings["robot"]["belt"]]["bus"])
         where = Path(settings["cell"]["state_dir"]) / "runs"
         if scene.given_camera:
             where.mkdir(parents=True)
@@ -130,7 +133,7 @@ def _play(scene: DemoScene, folder: Path, done: list[Finished], page: DemoPage) 
 
 
 def _try_step(
-    plc: Plc, step: Step, folder: Path, children: tuple[Child, Child]
+    plc: PlcOnCan, step: Step, folder: Path, children: tuple[Child, Child]
 ) -> tuple[int, int, registers.Status]:
     """The number of the run, how many items the gripper had met before, and how it ended.
 
@@ -160,14 +163,14 @@ def _wait_ready(plc: Plc, daemon: Child, step: Step) -> None:
     daemon.wait_for(lambda: plc.poll().ready_with(step.needs), f"devices of {step.job}", DAEMON_START_S)
 
 
-def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -> registers.Status:
+def _run_step(plc: PlcOnCan, step: Step, folder: Path, children: tuple[Child, ...]) -> registers.Status:
     """Start the job as a PLC does, play the operator when it asks, and acknowledge the result; what was read
     last before that."""
     begun = time.monotonic()
     if step.bump is not None:
         _bump(plc, folder, step.bump)
     _start(plc, step)
-    say(f"the PLC started job {step.number} ({step.job}) over Modbus")
+    say(f"the PLC started job {step.number} ({step.job}) over {'CAN' if step.over_can else 'Modbus'}")
     answered, placement, told, finished = 0, 0, 0, False
     with ProgressBar() as bar:
         while (status := plc.poll()).busy:
@@ -199,11 +202,14 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
     return status
 
 
-def _start(plc: Plc, step: Step) -> None:
+def _start(plc: PlcOnCan, step: Step) -> None:
     """Ask for the job; again when a device was late just then, for a refused start has done nothing."""
     for attempt in range(START_ATTEMPTS):
         try:
-            plc.command(registers.START, job=step.number)
+            if step.over_can:
+                plc.start_over_can(step.number)
+            else:
+                plc.command(registers.START, job=step.number)
             return
         except CellError as refusal:
             if refusal.name not in PASSING or attempt + 1 == START_ATTEMPTS:
@@ -294,9 +300,9 @@ def _daemon(folder: Path, config: Path) -> Iterator[Child]:
         yield daemon
 
 
-def _plc(settings: dict[str, Any]) -> Plc:
+def _plc(settings: dict[str, Any]) -> PlcOnCan:
     host, _, port = settings["modbus"]["bind"].rpartition(":")
-    return Plc(host, int(port))
+    return PlcOnCan(host, int(port))
 
 
 def _ask_twin(folder: Path, *words: str) -> str:

@@ -13,9 +13,10 @@ import can
 import pytest
 
 from cell.clock import MonotonicClock
-from cell.errors import catalogue
+from cell.errors import CellError, catalogue
 from daemon.can.face import CanFace
 from daemon.config.faces import CanSection
+from daemon.demo import can_node
 from daemon.modbus.command import Command
 from drivers.can_encoder import CanopenEncoder
 from fakes.can.bus import Frame
@@ -186,6 +187,21 @@ def test_a_command_is_carried_out_once_and_its_acknowledge_is_repeated(interface
         "command 1 sequence 1 job 1",
         "command 2 sequence 2 job 0",
     ]
+
+
+def test_the_demos_plc_starts_a_job_and_names_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(plc: Plc, engine: Engine, rig: CanRig, face: CanFace) -> None:
+        host, port = rig.wires.gateway.address  # type: ignore[union-attr]
+        monkeypatch.setattr(can_node, "GATEWAY_PORT", port)
+        node = can_node.PlcOnCan(host, 502)
+        monkeypatch.setattr(node, "poll", lambda: None)
+        await asyncio.to_thread(node.start_over_can, 1)
+        with pytest.raises(CellError, match="over CAN") as told:
+            await asyncio.to_thread(node.start_over_can, 99)
+        assert told.value.name == "UNKNOWN_JOB"
+        assert [(c.code, c.sequence, c.job) for c in engine.commands] == [(START, 1, 1), (START, 2, 99)]
+
+    play("slcan", script)
 
 
 def test_the_sequence_of_before_a_restart_does_nothing(interface: str) -> None:
