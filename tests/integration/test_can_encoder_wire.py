@@ -125,8 +125,10 @@ def test_frames_that_arrive_in_pieces_are_put_together(interface: str) -> None:
     async def script(rig: CanRig, device: CanopenEncoder) -> None:
         rig.faults.inject(Fault.SPLIT, {})
         before = device.counts.received
-        await asyncio.sleep(0.3)
-        assert device.counts.received - before > 30
+        more = asyncio.Event()
+        device.counts.subscribe(lambda sample: more.set() if device.counts.received > before + 30 else None)
+        async with asyncio.timeout(5.0):
+            await more.wait()
         assert device.health()["malformed"] == 0
 
     play(interface, script)

@@ -169,13 +169,14 @@ def interface(request: pytest.FixtureRequest) -> str:
 
 def test_a_command_is_carried_out_once_and_its_acknowledge_is_repeated(interface: str) -> None:
     async def script(plc: Plc, engine: Engine, rig: CanRig, face: CanFace) -> None:
-        assert await asyncio.to_thread(plc.command, START, 1, 1, 70_004) == (1, 1, 1, 4711)
+        whole = struct.pack("<BBHI", START, 1, 1, 70_004)
+        assert await asyncio.to_thread(plc.send_until_told, whole) == (1, 1, 1, 4711)
         assert [engine.commands[0].argument_as_uint32(index) for index in range(3)] == [70_004, 0, 0]
         rig.bus.faults.lose[ACKNOWLEDGE_ID] = 1
         lost = struct.pack("<BBHI", FINISH, 0, 2, 0)
         await asyncio.to_thread(plc.send, COMMAND_ID, lost)
         assert await asyncio.to_thread(plc.acknowledge, 0.5) is None
-        assert await asyncio.to_thread(plc.command, FINISH, 2) == (2, 1, 1, 4711)
+        assert await asyncio.to_thread(plc.ask_until_told, FINISH, 2) == (2, 1, 1, 4711)
         assert [(c.code, c.sequence, c.job, c.channel) for c in engine.commands] == [
             (START, 1, 1, "can"),
             (FINISH, 2, 0, "can"),
@@ -206,7 +207,7 @@ def test_the_demos_plc_starts_a_job_and_names_a_refusal(monkeypatch: pytest.Monk
 
 def test_the_sequence_of_before_a_restart_does_nothing(interface: str) -> None:
     async def script(plc: Plc, engine: Engine, rig: CanRig, face: CanFace) -> None:
-        assert await asyncio.to_thread(plc.command, START, 7, 1) == (7, 0, 1, 4711)
+        assert await asyncio.to_thread(plc.ask_until_told, START, 7, 1) == (7, 0, 1, 4711)
         assert engine.commands == []
 
     play(interface, script, last_sequence=7)
@@ -263,8 +264,8 @@ def test_a_plc_that_falls_silent_holds_the_job_and_only_stops_are_taken(interfac
                 break
         assert engine.plc == [False]
         silent = refusal("PLC_SILENT")
-        assert (await asyncio.to_thread(plc.command, START, 1, 1) or ())[:2] == (1, silent)
-        assert (await asyncio.to_thread(plc.command, ABORT, 2) or ())[:2] == (2, 1)
+        assert (await asyncio.to_thread(plc.ask_until_told, START, 1, 1))[:2] == (1, silent)
+        assert (await asyncio.to_thread(plc.ask_until_told, ABORT, 2))[:2] == (2, 1)
         await asyncio.to_thread(plc.send, PLC_HEARTBEAT_ID, b"\x05")
         await until(lambda: engine.plc == [False, True])
 
@@ -336,7 +337,7 @@ def test_a_command_over_the_kernels_own_can() -> None:
         await face.start()
         try:
             await until(lambda: face.connected)
-            assert await asyncio.to_thread(plc.command, START, 1, 1) == (1, 1, 1, 4711)
+            assert await asyncio.to_thread(plc.ask_until_told, START, 1, 1) == (1, 1, 1, 4711)
         finally:
             await face.stop()
             bus.shutdown()
