@@ -65,12 +65,12 @@ class Adjusted:
     ``numbers`` (p,) and ``cov_numbers`` (p, p): what was found of the unknowns ``names``. ``budget``: the
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it; ``cross`` (6, p) is the covariance of X with the
-    numbers, ``cross_W`` (g, 6, 6 + p) that of each W with X and the numbers. ``components`` are noise levels
-    and scales, those of an arm with joints as they enter the covariances; ``camera`` is the lens that was
-    found, ``shape`` what the bow of the target is measured from, ``problem`` the used observations as that
-    lens, target and arm have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is
-    in the budget's noise. ``arm_at`` (a,): the numbers of the
-    arm about which its flange was taken as linear, zero where that holds about the arm as it is configured.
+    numbers, ``cross_W`` (g, 6, 6 + p) that of each W with X and the numbers. ``components`` are the noise
+    levels and scales that all of this is the solution with; ``camera`` is the lens that was found, ``shape``
+    what the bow of the target is measured from, ``problem`` the used observations as that lens, target and
+    arm have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is in the budget's
+    noise. ``arm_at`` (a,): the numbers of the arm about which its flange was taken as linear, zero where that
+    holds about the arm as it is configured.
     """
 
     X: Array
@@ -162,12 +162,13 @@ def adjust(
             again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
             state = replace(state, problem=again_seen)
         state = replace(state, base=base)
-    excess = excess_of(of, state, images)
     obs, x0 = _at(of, state, images)
+    if isinstance(arm, ArmKnown) and free:  # few poses tell its scales to some ten per cent
+        components = with_mean_scales(obs, of.prior, x0, state.components)
+        state, eq = solved(of, replace(state, components=components), images, estimates=0)
+        obs, x0 = _at(of, state, images)
+    excess = excess_of(of, state, images)
     by_jackknife = jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
-    if isinstance(arm, ArmKnown):  # few poses tell its scales to some ten per cent
-        state = replace(state, components=with_mean_scales(obs, of.prior, x0, state.components))
-        eq = state.components.equations(obs, of.prior, x0)
     cov = eq.covariance
     by_leaving_out = checked(cov[:6, :6], by_jackknife, excess)
     causes = {name: excess * part for name, part in budget(eq, of.blocks).items()}

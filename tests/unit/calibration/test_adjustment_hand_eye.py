@@ -1,15 +1,29 @@
 """Hand-eye with arm, lens and board as unknowns: the stated uncertainty holds where the models are wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calibration.adjustment.arm_terms import ArmPrior
 from calibration.adjustment.hand_eye import Adjusted, adjust
 from calibration.adjustment.lens_terms import LensPrior, TargetPrior
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements, Solution, solve
 from cell.poses import Array
-from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, World, capture, capture_eye_to_hand, world
+from tests.kit.imperfect_cell import (
+    ARM,
+    CAMERA,
+    FLANGE_R,
+    FLANGE_T,
+    MODEL,
+    PX,
+    World,
+    capture,
+    capture_eye_to_hand,
+    world,
+)
 
 # The mean of 6 squared distances of six numbers each is 6; chance takes it out of these in 1 of 1000 cases.
 SEEDS, LEAST, MOST = range(6), 2.5, 11.3
@@ -65,6 +79,29 @@ def test_the_quality_of_the_arm_and_the_lens_are_found() -> None:
 def test_a_good_arm_is_found_to_be_one() -> None:
     subject = both(*captured(1, 0.0, "exact", "exact", "branches")[1:])[1]
     assert subject.components.scale[GEOMETRY] < 0.35
+
+
+def test_an_answer_of_few_poses_is_the_one_with_the_scales_that_it_states() -> None:
+    """Found again with the arm's prior of those scales, and no scale free: nothing moves."""
+    rng = np.random.default_rng([1, 6])
+    measured, Q = capture(rng, world(rng, 2e-4, "exact", "exact", joints=11), "one cone")
+    levels = {"sigma_px": PX, "sigma_flange_t": FLANGE_T, "sigma_flange_r": FLANGE_R}
+    first = solve(measured, CAMERA, levels)
+    assert isinstance(first, Solution)
+    known = ArmKnown(MODEL, Q, ARM.joint_limits)
+    subject = adjust(measured, first, CAMERA, known)
+    usual, geometry, gears = ArmPrior(), *(subject.components.scale[name] for name in (GEOMETRY, GEARS))
+    lengths, joints = (
+        geometry * np.array([usual.length, usual.angle]),
+        gears * np.array([usual.gear, usual.sag]),
+    )
+    again = adjust(
+        measured, first, CAMERA, replace(known, prior=ArmPrior(*lengths, *joints), scale_free=False)
+    )
+    off = se3.log(se3.inverse(again.X) @ subject.X) / np.sqrt(np.diag(again.cov))
+    assert np.abs(off).max() < 0.01
+    assert np.abs((subject.numbers - again.numbers) / again.sigma).max() < 0.01
+    np.testing.assert_allclose(subject.cov, again.cov, rtol=0.01, atol=1e-3 * again.cov.max())
 
 
 def test_the_budget_adds_up_and_a_known_lens_takes_its_part_away() -> None:
