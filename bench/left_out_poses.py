@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from calibration.adjustment.arm_accuracy import flange_errors
 from calibration.adjustment.hand_eye import Adjusted, adjust, numbered_alike
 from calibration.adjustment.lens_terms import moved_camera
 from calibration.adjustment.shared_errors import SharedErrors, shared_errors
-from calibration.adjustment.unknowns import LENS_BLOCK, TARGET_BLOCK, ArmKnown, arm_terms
+from calibration.adjustment.unknowns import LENS_BLOCK, TARGET_BLOCK, ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import shapes, variances
 from calibration.hand_eye.normal import Linearised, linearise
@@ -61,8 +62,9 @@ class PredictionError:
 
 @dataclass(frozen=True)
 class OnePose:
-    """One pose that was left out: T_base_flange ``F`` (4, 4), its view, what the arm's numbers move its
-    flange by, ``twists`` (6, a), and the covariance (6, 6) of what those leave of the flange's errors."""
+    """One pose that was left out: T_base_flange ``F`` (4, 4) by what was found of the arm, its view, what a
+    change of the arm's numbers moves that flange by, ``twists`` (6, a), and the covariance (6, 6) of what
+    those leave of the flange's errors."""
 
     F: Array
     view: CornerSet
@@ -171,11 +173,12 @@ def _without(capture: Capture, out: NDArray[np.int64]) -> WithoutSome:
             terms = arm.terms(F[None])
             sizes = np.repeat(arm.sizes(found.components.scale), 3)
             left = float(arm.unexplained(F[None])[0]) * np.diag(sizes**2)
-        else:
-            terms = arm_terms(arm, capture.arm.Q[k : k + 1] if capture.arm is not None else arm.Q)
+            columns = np.concatenate([t.columns for t in terms.values()], axis=2)
+            error = columns @ found.numbers[: columns.shape[2]]
+        elif capture.arm is not None:
+            error, columns = flange_errors(found, arm, capture.arm.Q[k : k + 1])
         if view is not None:
-            twists = np.concatenate([t.columns[0] for t in terms.values()], axis=1)
-            others[k] = OnePose(F, view, twists, left)
+            others[k] = OnePose(F @ se3.exp(error)[0], view, columns[0], left)
     return WithoutSome(measured, first, found, capture.camera, others)
 
 
@@ -230,7 +233,7 @@ class _Seen:
             camera = moved_camera(self._camera, numbers[found.blocks[LENS_BLOCK]])
             self._known = own, refine_poses([replace(self._view, points=points)], camera, self._start[None])
         poses = self._known[1]
-        twist = self._pose.twists @ numbers[: self._images.start]
+        twist = self._pose.twists @ (numbers - found.numbers)[: self._images.start]
         F = self._pose.F @ se3.exp(twist[None])[0]
         G = F if of.measured.setup == "eye-to-hand" else se3.inverse(F)
         one = np.zeros(1, dtype=np.int64)
@@ -257,8 +260,7 @@ def _predicted(of: WithoutSome, pose: OnePose, target: int | OnePose, used: bool
         W = other.problem(found.numbers).target_poses(found.X)[0]
     else:
         W = found.W[target]
-    F = pose.F @ se3.exp((pose.twists @ found.numbers[: pose.twists.shape[1]])[None])[0]
-    G = F if of.measured.setup == "eye-to-hand" else se3.inverse(F)
+    G = pose.F if of.measured.setup == "eye-to-hand" else se3.inverse(pose.F)
     image = _Seen(of, pose, camera, se3.inverse(found.X) @ G @ W)
 
     def residual(x: Array) -> Array:

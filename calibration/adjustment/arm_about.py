@@ -45,6 +45,16 @@ class ArmAbout:
         out: Array = self._columns(Q) - at_base - self.gauge[6:]
         return out
 
+    def true_flange(self, Q: Array) -> Array:
+        """(n, 4, 4) of the corrected arm at joints ``Q`` (n, j), with its own base and flange."""
+        return self._model.base.flange(Q)
+
+    def true_columns(self, Q: Array) -> Array:
+        """(n, 6, a): motion of :meth:`true_flange`, in its own frame, by a change of each number."""
+        errors = joint_errors(self.arm.model.base)
+        gears = gears_and_sag(self._model.base, Q, self.arm.prior, errors).columns
+        return np.concatenate([twists(self._model, Q), gears], axis=2)
+
     @cached_property
     def _model(self) -> ParametricArm:
         with_errors, values = arm_with(self.numbers, self.arm)
@@ -54,19 +64,16 @@ class ArmAbout:
     def ends(self) -> tuple[Array, Array]:
         """``base`` and ``flange`` (4, 4): about ``base @ configured @ flange`` is the corrected arm."""
         Q = joints_to_average(self.arm.limits)
-        return base_and_flange(self.arm.model.base.flange(Q), self._model.base.flange(Q))
+        return base_and_flange(self.arm.model.base.flange(Q), self.true_flange(Q))
 
     def flange(self, Q: Array) -> Array:
         """(n, 4, 4) of the corrected arm at joints ``Q`` (n, j), less base and flange that serve best."""
         base, flange = self.ends
-        out: Array = se3.inverse(base) @ self._model.base.flange(Q) @ se3.inverse(flange)
+        out: Array = se3.inverse(base) @ self.true_flange(Q) @ se3.inverse(flange)
         return out
 
     def _columns(self, Q: Array) -> Array:
-        errors = joint_errors(self.arm.model.base)
-        gears = gears_and_sag(self._model.base, Q, self.arm.prior, errors).columns
-        every = np.concatenate([twists(self._model, Q), gears], axis=2)
-        out: Array = adjoint(self.ends[1]) @ every
+        out: Array = adjoint(self.ends[1]) @ self.true_columns(Q)
         return out
 
     @cached_property

@@ -107,19 +107,44 @@ def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]
 def on_corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
     """X (4, 4) and its covariance (6, 6) for the flange, or the base, of :func:`corrected_arm`."""
     part = arm_numbers(found)
-    in_hand = found.problem.setup == "eye-in-hand"
+    moved, by_numbers = camera_on_true_arm(found, arm)
+    mixed = found.cross[:, part] @ by_numbers.T
+    cov = found.cov + mixed + mixed.T + by_numbers @ found.cov_numbers[part, part] @ by_numbers.T
+    return moved @ found.X, cov
+
+
+def camera_on_true_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
+    """``moved`` (4, 4): X for the corrected arm's own flange, or base, is ``moved @ found.X``; and how it
+    moves further, in its own frame, by a change of each number (6, a), where the found X stays."""
+    part = arm_numbers(found)
     if found.arm_at.any():
         about = ArmAbout(arm, found.numbers[part])
         gauge, (base, flange) = about.gauge, about.ends
     else:
-        gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
+        gauge = _gauge(arm)
         ends = gauge @ found.numbers[part]
         base, flange = se3.exp(ends[:6]), se3.exp(ends[6:])
-    moved = -gauge[6:] if in_hand else gauge[:6]
-    own = adjoint(se3.inverse(found.X)) @ moved
-    mixed = found.cross[:, part] @ own.T
-    cov = found.cov + mixed + mixed.T + own @ found.cov_numbers[part, part] @ own.T
-    return (se3.inverse(flange) if in_hand else base) @ found.X, cov
+    to_own = adjoint(se3.inverse(found.X))
+    if found.problem.setup == "eye-in-hand":
+        return se3.inverse(flange), -to_own @ gauge[6:]
+    return base, to_own @ gauge[:6]
+
+
+def true_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, Array]:
+    """Flange (n, 4, 4) of the corrected arm at joints ``Q`` (n, 6), with its own base and flange, and its
+    motion in its own frame by a change of each number (n, 6, a)."""
+    numbers = found.numbers[arm_numbers(found)]
+    if found.arm_at.any():
+        about = ArmAbout(arm, numbers)
+        return about.true_flange(Q), about.true_columns(Q)
+    F, gauge = arm.model.base.flange(Q), _gauge(arm)
+    columns = arm_columns(arm, Q) + adjoint(se3.inverse(F)) @ gauge[:6] + gauge[6:]
+    return F @ se3.exp(columns @ numbers), columns
+
+
+def _gauge(arm: ArmKnown) -> Array:
+    """(12, a) motions of base and flange that are taken out of the terms of ``arm``."""
+    return np.concatenate([terms.gauge for terms in arm_terms(arm, arm.Q[:1]).values()], axis=1)
 
 
 def arm_numbers(found: Adjusted) -> slice:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.arm_about import ArmAbout
 from calibration.adjustment.equations import Observations, Prior, equations
 from calibration.adjustment.unknowns import ArmKnown, arm_terms
 from calibration.hand_eye import se3
@@ -24,7 +25,7 @@ _STEPS = 15
 @dataclass(frozen=True)
 class SeenArm:
     """Curvature ``information`` (a, a) and gradient ``pull`` (a,) of the arm's numbers, at zero, their prior
-    left out."""
+    left out; the curvature is that about the numbers which the tracker's places show."""
 
     information: Array
     pull: Array
@@ -33,10 +34,7 @@ class SeenArm:
 def seen_arm(arm: ArmKnown, places: Array, reflector: NDArray[np.int64], sigma: Array) -> SeenArm:
     """From ``places`` (n, 3) m in the tracker at the joints of ``arm``, each of the ``reflector`` (n,) with
     this number, with standard deviations ``sigma`` (n,) m per axis."""
-    terms = arm_terms(arm, arm.Q)
-    columns = np.concatenate([t.columns for t in terms.values()], axis=2)
-    prior = np.concatenate([t.sigma for t in terms.values()])
-    F = arm.model.base.flange(arm.Q)
+    prior = np.concatenate([t.sigma for t in arm_terms(arm, arm.Q[:1]).values()])
     count = int(reflector.max()) + 1
     own = np.eye(count)[reflector]  # which reflector each place is of
     tracker, on_flange = np.eye(4), np.zeros((count, 3))
@@ -44,7 +42,8 @@ def seen_arm(arm: ArmKnown, places: Array, reflector: NDArray[np.int64], sigma: 
     following = np.zeros(a)
     for _ in range(_STEPS):
         numbers = following
-        moved = F @ se3.exp(columns @ numbers)
+        about = ArmAbout(arm, numbers)
+        moved, columns = about.true_flange(arm.Q), about.true_columns(arm.Q)
         p = (moved[:, :3, :3] @ on_flange[reflector][..., None])[..., 0] + moved[:, :3, 3]
         if not numbers.any():  # the place of the tracker, from where the reflectors are so far
             found = register(places.T, p.T, np.ones(len(p)))

@@ -17,14 +17,14 @@ from typing import Literal
 
 import numpy as np
 
+from calibration.adjustment.arm_accuracy import camera_on_true_arm
 from calibration.adjustment.arm_by_tracker import SeenArm
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.touch import SeenTouch
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, LENS_BLOCK, ArmKnown, arm_terms
 from calibration.hand_eye import se3
-from calibration.hand_eye.problem import Setup
-from cell.poses import Array, adjoint
+from cell.poses import Array
 
 NONE, TOOL, CAMERA, JOINT, SEVERAL = "none", "tool", "camera", "joint", "several"
 Part = Literal["none", "tool", "camera", "joint zero", "cannot-tell"]
@@ -88,27 +88,25 @@ class CrossChecked:
     by_beams_alone: tuple[int, ...] = ()
 
 
-def seen_camera(found: Adjusted, arm: ArmKnown, setup: Setup, lens: LensPrior | None = None) -> SeenCamera:
+def seen_camera(found: Adjusted, arm: ArmKnown, lens: LensPrior | None = None) -> SeenCamera:
     """From an adjustment, with the motions of base and flange put back that the arm's errors contain.
 
     ``lens`` is the prior that its lens had, where the other capture is of the same lens, given as the same.
     """
     terms = arm_terms(arm, arm.Q[:1])
-    gauge = np.concatenate([t.gauge for t in terms.values()], axis=1)
-    a = gauge.shape[1]
-    moves = gauge[:6] if setup == "eye-to-hand" else -gauge[6:]  # the camera's side
     scale = {name: found.components.scale.get(name, 1.0) for name in (GEOMETRY, GEARS)}
     prior = np.concatenate([scale[name] * t.sigma for name, t in terms.items()])
+    a = len(prior)
     rows = np.arange(a)
     if lens is not None:
         rows = np.concatenate([rows, np.arange(len(found.names))[found.blocks[LENS_BLOCK]]])
         prior = np.concatenate([prior, lens.sigma()])
-    X = se3.exp(moves @ found.numbers[:a]) @ found.X
+    moved, by_numbers = camera_on_true_arm(found, arm)
     J = np.eye(_POSE + len(rows))
-    J[:_POSE, _POSE : _POSE + a] = adjoint(se3.inverse(X)) @ moves
+    J[:_POSE, _POSE : _POSE + a] = by_numbers
     cross = found.cross[:, rows]
     cov = np.block([[found.cov, cross], [cross.T, found.cov_numbers[np.ix_(rows, rows)]]])
-    return SeenCamera(X, found.numbers[rows], J @ cov @ J.T, prior, len(rows) - a)
+    return SeenCamera(moved @ found.X, found.numbers[rows], J @ cov @ J.T, prior, len(rows) - a)
 
 
 def cross_check(

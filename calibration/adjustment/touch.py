@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.adjustment.arm_accuracy import camera_on_true_arm, true_flange
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.lens_terms import LENS, image_terms
-from calibration.adjustment.unknowns import TARGET_BLOCK, ArmKnown, arm_terms
-from calibration.hand_eye import se3
+from calibration.adjustment.unknowns import LENS_BLOCK, TARGET_BLOCK, ArmKnown
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.views import CornerSet
 from calibration.touch import Standing, over_points, points_off
-from cell.poses import Array, adjoint
+from cell.poses import Array
 
 _X = 6
 
@@ -53,16 +53,18 @@ class SeenTouch:
     by_tool: Array
 
 
-def seen_touch(of: Touches, found: Adjusted, arm: ArmKnown, X: Array, numbers: Array, px: float) -> SeenTouch:
-    """From the adjustment ``found`` of a capture with the same camera and target, at the pose ``X`` (4, 4)
-    and the ``numbers`` (a,) that it has for the arm's true flange. ``px`` is the noise of a corner."""
-    a, lens = len(numbers), slice(len(numbers), len(found.names))
+def seen_touch(of: Touches, found: Adjusted, arm: ArmKnown, px: float) -> SeenTouch:
+    """From the adjustment ``found`` of a capture with the same camera and target. ``px`` is the noise of a
+    corner."""
+    a = found.blocks[LENS_BLOCK].start  # the arm's numbers come first
+    lens = slice(a, len(found.names))
     printed = found.numbers[found.blocks[TARGET_BLOCK]]
     view = replace(of.view, points=found.shape.moved(of.view.points, printed))
     poses, _ = solve_pnp([view], found.camera)
     C = poses.C[0]
-    columns, gauge, F = _arm_at(arm, np.vstack([of.q_look, of.Q]))
-    F = F @ se3.exp(columns @ numbers)
+    moved, camera_by_numbers = camera_on_true_arm(found, arm)
+    X = moved @ found.X
+    F, columns = true_flange(found, arm, np.vstack([of.q_look, of.Q]))
     designed = over_points(of.points, C, of.stand_off_m)
     places = found.shape.moved(designed, printed)
     at = points_off(Standing(F[0], F[1:], X, C, of.tool, places))
@@ -73,7 +75,7 @@ def seen_touch(of: Touches, found: Adjusted, arm: ArmKnown, X: Array, numbers: A
 
     # The capture's unknowns, camera and arm in the arm's true base and flange.
     J = np.eye(_X + a)
-    J[:_X, _X:] = -adjoint(se3.inverse(X)) @ gauge[6:]
+    J[:_X, _X:] = camera_by_numbers
     whole = np.block([[found.cov, found.cross], [found.cross.T, found.cov_numbers]])
     first, rest = slice(0, _X + a), slice(_X + a, _X + lens.stop)
     cell = J @ whole[first, first] @ J.T
@@ -88,13 +90,3 @@ def seen_touch(of: Touches, found: Adjusted, arm: ArmKnown, X: Array, numbers: A
     cov = L @ left @ L.T + G @ (px**2 * poses.cov[0]) @ G.T + look @ still @ look.T
     cov += of.tool_m**2 * D @ D.T + (of.stand_m**2 + of.arm_m**2) * np.eye(3 * k)
     return SeenTouch(at.off.ravel(), cov, by_cell.reshape(3 * k, -1) + L @ follows, D)
-
-
-def _arm_at(arm: ArmKnown, Q: Array) -> tuple[Array, Array, Array]:
-    """Twists of the flange (n, 6, a) for a unit of each number of the arm, with the motions of base and
-    flange ``gauge`` (12, a) in them; and the flange (n, 4, 4) of the model."""
-    terms = arm_terms(arm, Q)
-    F = arm.model.base.flange(Q)
-    gauge = np.concatenate([t.gauge for t in terms.values()], axis=1)
-    columns = np.concatenate([t.columns for t in terms.values()], axis=2)
-    return columns + adjoint(se3.inverse(F)) @ gauge[:6] + gauge[6:], gauge, F

@@ -157,7 +157,7 @@ class _Capture:
 
     def with_lens(self) -> "_Capture":
         """For another capture of the same lens."""
-        return replace(self, seen=seen_camera(self.adjusted, self.arm, self.setup, self.lens))
+        return replace(self, seen=seen_camera(self.adjusted, self.arm, self.lens))
 
     @property
     def px(self) -> float | None:
@@ -197,7 +197,7 @@ def _camera_of(loaded: CaptureSet) -> _Capture | Refusal:
     arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
     found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
     setup, target = loaded.capture.setup, loaded.capture.target.model_dump()
-    lens, seen = known.lens, seen_camera(found, arm, setup)
+    lens, seen = known.lens, seen_camera(found, arm)
     return _Capture(setup, target, arm, camera.camera, lens, found, seen)
 
 
@@ -254,7 +254,7 @@ def touch_of(folder: Path, now: _Capture) -> SeenTouch:
         arm_m=stated_sigma(getattr(data.arm(), "model", None)),
     )
     px = now.px or CORNER_PX
-    return seen_touch(touches, now.adjusted, now.arm, now.seen.X, now.seen.arm, px)
+    return seen_touch(touches, now.adjusted, now.arm, px)
 
 
 def _by_joints(values: RunValues) -> Array:

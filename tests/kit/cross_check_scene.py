@@ -96,14 +96,14 @@ def checked(
         if isinstance(solution, Refusal):
             raise ValueError(str(solution))
         found, arm = _adjusted(measured, solution, Q)
-        seen.append(seen_camera(found, arm, setup, LensPrior()))
+        seen.append(seen_camera(found, arm, LensPrior()))
     then, now = seen
     tool = tool_in_beams(rng, scene.cell, what) if beams else None
     by_arm = by_tracker(rng, scene.cell, what) if tracker else None
     by_touch = None
     if touch:
         of = touched(rng, scene.cell, scene.W @ HALF_TURN, what, lens)
-        by_touch = seen_touch(of, found, arm, now.X, now.arm, PX)
+        by_touch = seen_touch(of, found, arm, PX)
     return cross_check(then, now, tool, found.names, by_arm, by_touch)
 
 
