@@ -53,7 +53,7 @@ from cell.poses import Array
 _ROUNDS = 4  # images solved again with the lens and the target found
 _STEPS = 4
 _SETTLED = 0.01  # of a standard deviation of X
-_BENT = 0.1  # of it: the products of the arm's numbers move X by less, or are in the flange's poses
+_NONLINEAR = 0.1  # of it: the products of the arm's numbers move X by less, or are in the flange's poses
 _LINEAR = 0.3  # of these the images' poses follow a change of lens and target linearly enough
 _LINEAR_SIGMA = np.concatenate([LensPrior().sigma(), TargetPrior().sigma()])
 
@@ -70,7 +70,8 @@ class Adjusted:
     what the bow of the target is measured from, ``problem`` the used observations as that lens, target and
     arm have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is in the budget's
     noise. ``arm_at`` (a,): the numbers of the arm about which its flange was taken as linear, zero where that
-    holds about the arm as it is configured.
+    holds about the arm as it is configured. ``settled``: images and flange follow the numbers linearly from
+    where they were solved last.
     """
 
     X: Array
@@ -91,6 +92,7 @@ class Adjusted:
     shape: TargetShape
     problem: Problem
     by_leaving_out: Checked
+    settled: bool
 
     @property
     def sigma(self) -> Array:
@@ -146,13 +148,16 @@ def adjust(
         away = (base - state.base)[of.images]
         images_follow = bool(np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA))
         sigma = np.sqrt(np.diag(eq.covariance)[:6])
-        bent = _bent(of, state, images, arm, problem, rows, sigma) if isinstance(arm, ArmKnown) else None
-        if images_follow and bent is None:
+        anew = None
+        if isinstance(arm, ArmKnown):
+            anew = _relinearised(of, state, images, arm, problem, rows, sigma)
+        settled = images_follow and anew is None
+        if settled or again == _ROUNDS - 1:
             break
-        if bent is None:
+        if anew is None:
             base[of.arm] = state.base[of.arm]
         else:
-            of, state = replace(of, flange=bent.columns), replace(state, problem=bent.problem)
+            of, state = replace(of, flange=anew.columns), replace(state, problem=anew.problem)
         if images_follow:
             base[of.images] = state.base[of.images]
         else:
@@ -192,18 +197,19 @@ def adjust(
         shape=shape,
         problem=moved_problem(of, state, images.moves),
         by_leaving_out=by_leaving_out,
+        settled=settled,
     )
 
 
 @dataclass(frozen=True)
-class _Bent:
+class _Relinearised:
     """``problem`` with its flange as the arm with its numbers has it, and the ``columns`` (n, 6, a) there."""
 
     problem: Problem
     columns: Array
 
 
-def _bent(
+def _relinearised(
     of: Unknowns,
     state: AdjustedState,
     images: ImageTerms,
@@ -211,12 +217,12 @@ def _bent(
     given: Problem,
     rows: NDArray[np.int64],
     sigma: Array,
-) -> _Bent | None:
+) -> _Relinearised | None:
     """None where X would hardly move if the flange of ``given`` had all that the numbers do to it.
 
     ``sigma`` (6,) are the standard deviations of X.
     """
-    if _products(arm, state.numbers[of.arm]) < _BENT * float(sigma.min()):
+    if _products(arm, state.numbers[of.arm]) < _NONLINEAR * float(sigma.min()):
         return None
     about = ArmAbout(arm, state.numbers[of.arm])
     Q = arm.Q[rows]
@@ -227,9 +233,9 @@ def _bent(
     obs = observations(of, there, images, linearise(moved_problem(of, there, images.moves), there.at))
     eq = state.components.equations(obs, of.prior, np.concatenate([np.zeros(6), state.numbers]))
     x, _ = eq.step()
-    if np.all(np.abs(x[:6]) < _BENT * sigma):
+    if np.all(np.abs(x[:6]) < _NONLINEAR * sigma):
         return None
-    return _Bent(moved, about.columns(Q))
+    return _Relinearised(moved, about.columns(Q))
 
 
 def _products(arm: ArmKnown, numbers: Array) -> float:

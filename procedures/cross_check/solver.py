@@ -1,7 +1,7 @@
 """``cellward cross-check``: two captures, a tool measured or driven over a board, and what has changed."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -45,6 +45,7 @@ from procedures.cross_check.result import (
 from procedures.cross_check.words import JOINTS, said
 from procedures.documents import read_result
 from procedures.hand_eye.known_parts import known_parts
+from procedures.hand_eye.solve.adjustment import NOT_SETTLED
 from procedures.hand_eye.solve.arm import given_arm
 from procedures.hand_eye.solve.camera import check_views, choose_camera
 from procedures.hand_eye.solve.capture import CaptureSet, load_capture
@@ -139,7 +140,9 @@ def check_cell(
     )
     residuals = CrossCheckResiduals(then_px=first.px, now_px=last.px)
     given = {"the beams": tool, "the touch test": by_touch}
-    return _result(found, inputs, residuals, " and ".join(by for by, one in given.items() if one is not None))
+    tool_by = " and ".join(by for by, one in given.items() if one is not None)
+    settled = first.adjusted.settled and last.adjusted.settled
+    return _result(found, inputs, residuals, tool_by, [] if settled else [NOT_SETTLED])
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,11 @@ def _by_joints(values: RunValues) -> Array:
 
 
 def _result(
-    found: CrossChecked, inputs: CrossCheckInputs, residuals: CrossCheckResiduals, tool_by: str
+    found: CrossChecked,
+    inputs: CrossCheckInputs,
+    residuals: CrossCheckResiduals,
+    tool_by: str,
+    warnings: Sequence[tuple[str, str]],
 ) -> CrossCheckResult:
     """``tool_by``: what the tool was measured by, in words; empty where it was not."""
     change, sigma = found.change, found.sigma
@@ -296,7 +303,7 @@ def _result(
     return CrossCheckResult(
         verdict="pass" if good else "warn" if open_ else "fail",
         reasons=[] if good else [said(answer)],
-        warnings=Warning_.each([("cross-check.cannot-tell", said(answer))] if open_ else []),
+        warnings=Warning_.each([*warnings, *([("cross-check.cannot-tell", said(answer))] if open_ else [])]),
         result=answer,
         uncertainty=CrossCheckUncertainty(
             meaning="each explanation by its marginal likelihood, beforehand: "

@@ -46,6 +46,7 @@ from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targ
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
 from procedures.eye_to_hand.solve.driven import driven_targets, driven_warnings, require_one_kind
 from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
+from procedures.hand_eye.solve.adjustment import NOT_SETTLED
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
@@ -102,6 +103,8 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     answer = answer_of(data, found, choice, arm_of[0])
     if max(found.alone.scale.values(), default=0.0) > ARM_WORSE:
         warnings.append((_ARM_REJECTED, arm_text(found.alone)))
+    if found.images is not None and not found.images.settled:
+        warnings.append(NOT_SETTLED)
     if targets is not None:
         model = (found.standard, found.arm) if isinstance(found.arm, ArmKnown) else None
         ways = TargetCorrections(data.camera.T, constant_of(data, found), model)

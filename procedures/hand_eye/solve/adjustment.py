@@ -39,6 +39,12 @@ from procedures.hand_eye.solve.target_check import target_warnings
 
 METHOD = "adjustment"
 LEAVING_OUT = "uncertainty.leaving-out"
+NOT_SETTLED = (
+    "uncertainty.not-settled",
+    "arm, lens or target are so far from what was given that the answer still moved in the last round, and "
+    "its uncertainty may be too small: check the intrinsics, the target's size and the arm's kinematics, or "
+    "solve again with the lens and the arm that were found",
+)
 _SIZE_UNKNOWN = 0.02  # of a target whose size was found from the data
 
 
@@ -117,6 +123,8 @@ def by_adjustment(
     covers = ["arm", *(["gears", "sag"] if arm is not None else []), "lens", "target"]
     if found.by_leaving_out.added.any():
         warnings.append((LEAVING_OUT, _leaving_out(found.by_leaving_out)))
+    if not found.settled:
+        warnings.append(NOT_SETTLED)
     printed, problem = as_found(found, measured, solution)
     adjusted = _solution(solution, problem, found)
     return AdjustedSolution(

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.adjustment import hand_eye
 from calibration.adjustment.arm_about import ArmAbout, arm_with
 from calibration.adjustment.arm_accuracy import arm_columns, corrected_arm, on_corrected_arm, predicted_flange
 from calibration.adjustment.arm_by_tracker import seen_arm
@@ -141,3 +142,12 @@ def test_an_arm_of_millimetres_does_not_bend_the_answer() -> None:
 
 def test_an_arm_of_a_fraction_of_a_millimetre_stays_linear() -> None:
     assert not solved(0, 2e-4)[2].arm_at.any()
+
+
+def test_an_answer_that_still_moves_in_the_last_round_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And is the one of the arm about which it was solved, not of one that no step was taken about."""
+    assert solved(3, 4e-3)[2].settled
+    monkeypatch.setattr(hand_eye, "_ROUNDS", 1)
+    subject = solved(3, 4e-3)[2]
+    assert not subject.settled
+    assert not subject.arm_at.any()
