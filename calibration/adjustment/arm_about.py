@@ -40,7 +40,12 @@ class ArmAbout:
         return out
 
     def columns(self, Q: Array) -> Array:
-        """(n, 6, a): motion of the corrected flange, in its own frame, by a change of each number."""
+        """(n, 6, a): motion of the corrected flange, in its own frame, by a change of each number.
+
+        Taken out are the base and the flange that are nearest to what a number does. The derivative of
+        :attr:`ends` differs from these by what the products of errors do to it, which is left out: a motion
+        of base and flange alone.
+        """
         at_base = adjoint(se3.inverse(self.flange(Q))) @ self.gauge[:6]
         out: Array = self._columns(Q) - at_base - self.gauge[6:]
         return out

@@ -77,8 +77,9 @@ def test_derivatives_are_those_of_the_corrected_arm() -> None:
     for k in (*range(len(MODEL.names)), len(MODEL.names) + 7, len(NUMBERS) - 1):
         there = ArmAbout(KNOWN, NUMBERS + step * np.eye(len(NUMBERS))[k]).motion(JOINTS)
         moved = own(se3.log(se3.inverse(motion) @ there) / step)
-        np.testing.assert_allclose(own(columns[:, :, k]), moved, atol=1.5e-4)
-    assert np.abs(own(configured[:, :, k]) - moved).max() > 1e-3
+        np.testing.assert_allclose(own(columns[:, :, k]), moved, atol=1e-5)
+        if np.abs(moved).max() > 1e-6:  # the others move base or flange alone
+            assert np.abs(own(configured[:, :, k]) - moved).max() > 3e-5
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
