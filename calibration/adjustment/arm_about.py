@@ -1,9 +1,9 @@
 """An arm's terms about numbers that were found: for errors that the flange does not follow linearly.
 
 The derivatives of :mod:`calibration.adjustment.arm_terms` are those of the configured arm. Where an arm is
-off by millimetres the products of its errors move the flange by more than its noise, and an answer without
-them is stated too well. Here flange and derivatives are those of the corrected arm, again without the motions
-of base and flange that serve best over all joints.
+off by millimetres the products of its errors move the flange by more than its noise, and the uncertainty of
+an answer without them is stated too small. Here flange and derivatives are those of the corrected arm, again
+without the motions of base and flange that serve best over all joints.
 """
 
 from dataclasses import dataclass, replace

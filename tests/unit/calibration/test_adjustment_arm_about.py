@@ -62,7 +62,7 @@ def test_the_flange_is_that_of_the_corrected_arm_after_the_best_base_and_flange(
 
 
 def test_derivatives_are_those_of_the_corrected_arm() -> None:
-    """But for one base and one flange of all joints, whose mean bends a little itself."""
+    """But for one base and one flange of all joints, which follow what they leave as well."""
     subject, step = ArmAbout(KNOWN, NUMBERS), 1e-5
     columns, motion = subject.columns(JOINTS), subject.motion(JOINTS)
     ends = np.concatenate(
@@ -118,7 +118,7 @@ def test_a_touch_test_takes_camera_and_arm_as_they_were_found() -> None:
     np.testing.assert_allclose(subject.off, 0.0, atol=1e-6)
 
 
-def test_what_a_tracker_tells_of_an_arm_of_millimetres_is_so_of_the_true_one() -> None:
+def test_what_a_tracker_tells_of_an_arm_with_errors_of_millimetres_is_so_of_the_true_one() -> None:
     """Without noise: within less than one of its standard deviations, in all numbers together."""
     arm, values = arm_with(NUMBERS, KNOWN)
     known = replace(KNOWN, Q=reference_joints(ARM.joint_limits, 6, seed=3))
@@ -131,7 +131,7 @@ def test_what_a_tracker_tells_of_an_arm_of_millimetres_is_so_of_the_true_one() -
     assert float(off @ np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) @ off) < 0.1
 
 
-def test_an_arm_of_millimetres_does_not_bend_the_answer() -> None:
+def test_products_of_errors_of_millimetres_are_no_errors_of_the_answer() -> None:
     """The products of 4 mm and 6 mrad are 0.1 mm: as unknowns that are linear they were errors of X."""
     squared = []
     for seed in range(4):
