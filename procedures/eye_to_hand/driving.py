@@ -3,7 +3,7 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from cell.poses import to_pose6
 from cell.procedure import FinishRequested
 from cell.standstill import measured_standstill
 from cell.store.files import write_atomic
+from cell.where_left import STAYED_RAD
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.targets import (
@@ -36,14 +37,17 @@ from procedures.hand_eye.states import S
 
 TARGETS_FILE = "axbc-targets.json"
 FINISHED, ENDED = "the run was finished early", "the run ended before"
+BEFORE, BEGUN = "its place before the targets", "the place where the poses began"
+# What the guard refuses before anything moves; any other refusal of a move ends the run.
 _KEPT_FROM = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
+NEXT_STEP = "look whether its way from there is free before the next job, else jog it away"
 
 
 @dataclass(frozen=True)
-class _Stood:
+class _Place:
     """Where the arm stood on its way, in words and by joints (6,) rad."""
 
-    where: str
+    name: str
     q: list[float]
 
 
@@ -52,6 +56,8 @@ class TargetDrive(CaptureRun):
 
     check: EyeToHandCheckConfig
     given: list[float]  # T_base_camera
+    _stood: list[_Place]  # on the way to the targets
+    _bound_for: str  # by the last move that began; empty where none did
 
     async def ask_for_commands(self) -> Path:
         """The file of targets to solve with: each with joints that pick the branch of the arm."""
@@ -131,15 +137,11 @@ class TargetDrive(CaptureRun):
         self.run.note("decision", event="targets", way=way, moves=[asdict(m) for m in moves])
         driven["lost"] += [f"{move_text(m.target, m.how)}: {m.why}" for m in moves if m.why]
         left = [m for m in moves if not m.why]
+        self._stood, self._bound_for = [], ""
         why = FINISHED
         with suppress(FinishRequested):
             if left and await self.run.ask(moves_text(found, driven, len(left)), skippable=True):
-                try:
-                    await self._drive_all(left, driven, camera, home, keep)
-                except RefusedError as refusal:  # what was seen is not lost by it
-                    why = str(refusal)
-                    driven["stands"] = f"the arm stands {self._stood[-1].where}: {why}"
-                    self.run.note("decision", event="arm not returned", why=driven["stands"])
+                why = await self._drive_all(left, driven, camera, home, keep)
             else:
                 why = "skipped by the operator"
         driven["lost"] += _unseen(left, why)
@@ -173,11 +175,19 @@ class TargetDrive(CaptureRun):
         camera: Mapping[str, Any],
         home: list[float],
         keep: Callable[[Mapping[str, Any]], Awaitable[None]],
-    ) -> None:
-        """Visit the moves ``left``, taking each out of it once it is done or lost; then return ``home``."""
+    ) -> str:
+        """Visit the moves ``left``, taking each out of it once it is done or lost; then return ``home``.
+
+        Why those that are still left were not visited: the lease was refused.
+        """
         run, first, moves = self.run, self.record.next_index(), len(left)
-        self._stood = [_Stood("where it stood before the targets", await self._joints())]
-        async with run.motion() as lease:
+        self._stood = [_Place(BEFORE, await self._joints())]
+        async with AsyncExitStack() as stack:
+            try:
+                lease = await stack.enter_async_context(run.motion())
+            except RefusedError as refused:  # the arm never left, and what was found before stands
+                run.note("decision", event="arm not lent", why=str(refused))
+                return str(refused)
             while left:
                 move, number = left[0], moves - len(left)
                 run.progress(number, moves)
@@ -197,18 +207,48 @@ class TargetDrive(CaptureRun):
                 run.note("decision", event="target seen", off_m=off_m, **about)
             run.progress(moves, moves)
             await run.enter(S.RETURN)
-            await self._return(lease, home)
+            refusal = await self._return(lease, home)
             if not await measured_standstill(self.arm, STANDSTILL_TIMEOUT_S):
                 raise error("POSE_UNSTABLE", f"the arm did not come to rest in {STANDSTILL_TIMEOUT_S} s")
+        if refusal is not None:
+            self._tell_place(driven, str(refusal))
+        return ""
 
-    async def _return(self, lease: MotionLease, home: list[float]) -> None:
-        """Back ``home`` on a way that was checked; a ``RefusedError`` where there is none."""
+    async def _return(self, lease: MotionLease, home: list[float]) -> RefusedError | None:
+        """Back ``home`` on a way that was checked; what keeps the arm from it where there is none."""
         stood = self._stood
-        back = await self.run.worker.call(way_back, self.run.values, [at.q for at in stood], home)
+        try:
+            back = await self.run.worker.call(way_back, self.run.values, [at.q for at in stood], home)
+        except RefusedError as refusal:
+            return refusal
         for _ in range(back):
-            await lease.move_joints(np.array(stood[-2].q))
+            if (refused := await self._move(lease, stood[-2])) is not None:
+                return refused
             stood.pop()
-        await lease.move_joints(np.array(home))
+        return await self._move(lease, _Place(BEGUN, home))
+
+    async def _move(self, lease: MotionLease, place: _Place) -> RefusedError | None:
+        """Go there; what keeps the arm from it where the guard refuses before anything moves. Any other
+        refusal is raised: somebody took the arm."""
+        before, self._bound_for = self._bound_for, place.name
+        try:
+            await lease.move_joints(np.array(place.q))
+        except RefusedError as refusal:
+            if refusal.name not in _KEPT_FROM:
+                raise
+            self._bound_for = before
+            return refusal
+        return None
+
+    def _tell_place(self, driven: dict[str, Any], why: str) -> None:
+        """Into ``driven`` where an arm that left was left, by its joints as measured, and what to do next."""
+        if not self._bound_for:
+            return
+        last, newest = self._stood[-1], self.arm.state.last()
+        off_rad = np.inf if newest is None else np.max(np.abs(newest.value.q - np.array(last.q)))
+        place = f"at {last.name}" if off_rad <= STAYED_RAD else f"between {last.name} and {self._bound_for}"
+        driven["stands"] = f"the arm stands {place}: {why}; {NEXT_STEP}"
+        self.run.note("decision", event="arm not returned", why=driven["stands"])
 
     async def _show(self, move: TargetMove, seen: Mapping[str, Any], camera: Mapping[str, Any]) -> float:
         """How far off it looks in one frame, with the place as given (m): for whoever watches."""
@@ -221,14 +261,11 @@ class TargetDrive(CaptureRun):
 
     async def _see(self, lease: MotionLease, move: TargetMove, index: int) -> dict[str, Any] | str:
         """What the camera saw with the arm at rest there, or why it could not be had."""
-        await self.run.enter(S.MOVE, move_text(move.target, move.how), target=move.target + 1)
-        try:
-            await lease.move_joints(np.array(move.q))
-        except RefusedError as refusal:
-            if refusal.name not in _KEPT_FROM:
-                raise
+        place = _Place(move_text(move.target, move.how), move.q)
+        await self.run.enter(S.MOVE, place.name, target=move.target + 1)
+        if (refusal := await self._move(lease, place)) is not None:
             return str(refusal)
-        self._stood.append(_Stood(f"at {move_text(move.target, move.how)}", move.q))
+        self._stood.append(place)
         taken = await self._take_pose(0, index, index)
         if taken is None:
             return self._why_lost or "it was not seen"

@@ -127,6 +127,7 @@ def test_a_return_that_is_refused_costs_nothing_and_says_where_the_arm_stands(
             assert all(t["before"] for t in driven["targets"])
             assert driven["stands"].startswith("the arm stands at target 2 as given: ")
             assert "a box that nobody planned with" in driven["stands"]
+            assert driven["stands"].endswith("before the next job, else jog it away")
             assert [w["text"] for w in result["warnings"] if w["code"] == "targets.not-returned"] == [
                 driven["stands"]
             ]
@@ -156,7 +157,8 @@ def test_a_lease_that_refuses_a_target_for_good_ends_the_driving_and_not_the_run
             assert end["outcome"] == "complete", end
             assert len(driven["lost"]) == 2, driven
             assert "local mode" in driven["lost"][0]
-            assert driven["stands"].startswith("the arm stands where it stood before the targets: ")
+            assert "stands" not in driven, "it never left"
+            assert [w["code"] for w in result["warnings"]] == ["targets.lost"]
 
     run_virtual(main())
 
