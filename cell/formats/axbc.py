@@ -85,7 +85,7 @@ class AxbcDriven(Strict):
     """Targets that the arm was driven to after the answer; nothing is solved from them.
 
     ``way``: by what ``corrected`` was made; ``lost`` says in words what was not measured, ``stands`` where
-    the arm was left when it could not go back. Each target is seen once in each way.
+    the arm was left when it did not go back. Each target is seen once in each way.
     """
 
     way: Literal["none", "constant", "model"]

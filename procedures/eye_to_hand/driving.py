@@ -3,7 +3,7 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -139,11 +139,13 @@ class TargetDrive(CaptureRun):
         left = [m for m in moves if not m.why]
         self._stood, self._bound_for = [], ""
         why = FINISHED
-        with suppress(FinishRequested):
+        try:
             if left and await self.run.ask(moves_text(found, driven, len(left)), skippable=True):
                 why = await self._drive_all(left, driven, camera, home, keep)
             else:
                 why = "skipped by the operator"
+        except FinishRequested:
+            self._tell_place(driven, FINISHED)
         driven["lost"] += _unseen(left, why)
         return driven
 

@@ -152,7 +152,7 @@ class DrivenTargets(Part):
     meaning: str = Field(description="What the figures cover, and what they do not.")
     lost: list[str] = Field(description="What was not measured, in words.")
     stands: str | None = Field(
-        default=None, description="Where the arm was left, and why, where it could not go back."
+        default=None, description="Where the arm was left, and why, where it did not go back."
     )
 
 

@@ -170,6 +170,7 @@ def test_targets_that_were_not_wanted_are_not_driven_to(answer: str, said: str, 
             assert cell.end(run_id)["outcome"] == "complete"
             driven = cell.result(run_id)["result"]["driven"]
             assert driven["lost"] == [f"target 1 as given: {said}"]
+            assert "stands" not in driven, "it never left"
             assert cell.notes(run_id, "target seen") == []
 
     run_virtual(main())
@@ -196,6 +197,10 @@ def test_a_run_that_is_finished_on_its_way_keeps_what_was_seen(tmp_path: Path) -
             assert len(seen) < 3
             assert driven["lost"][-1] == "target 3 as given: the run was finished early"
             assert len(seen) + len(driven["lost"]) == 3
+            assert driven["stands"].startswith(
+                f"the arm stands at target {seen[-1]} as given: the run was finished early; look whether "
+            )
+            assert "targets.not-returned" in [w["code"] for w in cell.result(run_id)["warnings"]]
 
     run_virtual(main())
 
