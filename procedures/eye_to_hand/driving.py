@@ -40,6 +40,7 @@ FINISHED, ENDED = "the run was finished early", "the run ended before"
 BEFORE, BEGUN = "its place before the targets", "the place where the poses began"
 # What the guard refuses before anything moves; any other refusal of a move ends the run.
 _KEPT_FROM = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
+Keep = Callable[[Mapping[str, Any]], Awaitable[None]]  # ``driven`` of the data set, on disk
 NEXT_STEP = "look whether its way from there is free before the next job, else jog it away"
 
 
@@ -96,16 +97,11 @@ class TargetDrive(CaptureRun):
             for move in await self.run.worker.call(plan_moves, values, view, *args)
         ]
 
-    async def drive(
-        self,
-        found: AxbcResult,
-        camera: Mapping[str, Any],
-        keep: Callable[[Mapping[str, Any]], Awaitable[None]],
-    ) -> dict[str, Any]:
+    async def drive(self, found: AxbcResult, camera: Mapping[str, Any], keep: Keep) -> dict[str, Any]:
         """Show the commands, and after a confirmation drive to each; the ``driven`` of the data set.
 
-        ``keep`` gets it as it is at first and after each arrival, with what is still missing as lost: the
-        run may end at any moment.
+        ``keep`` gets it as it is at first, as planned, and after each target that was seen or lost, with
+        what is still missing as lost: the run may end at any moment.
         """
         answer, check = found.result, self.check
         way = answer.correction.chosen
@@ -131,12 +127,13 @@ class TargetDrive(CaptureRun):
         if self.run.wants_finish:  # the arm is not asked for anything any more
             driven["lost"] += _unseen(wanted, FINISHED)
             return driven
-        await keep({**driven, "lost": [*driven["lost"], *_unseen(wanted, ENDED)]})
+        await _keep_now(keep, driven, wanted)
         await self.run.enter(S.PLAN, "targets")
         home, moves = await self._planned(commands, camera)
         self.run.note("decision", event="targets", way=way, moves=[asdict(m) for m in moves])
         driven["lost"] += [f"{move_text(m.target, m.how)}: {m.why}" for m in moves if m.why]
         left = [m for m in moves if not m.why]
+        await _keep_now(keep, driven, left)  # with what the plan leaves out
         self._stood, self._bound_for = [], ""
         why = FINISHED
         try:
@@ -176,7 +173,7 @@ class TargetDrive(CaptureRun):
         driven: dict[str, Any],
         camera: Mapping[str, Any],
         home: list[float],
-        keep: Callable[[Mapping[str, Any]], Awaitable[None]],
+        keep: Keep,
     ) -> str:
         """Visit the moves ``left``, taking each out of it once it is done or lost; then return ``home``.
 
@@ -201,10 +198,10 @@ class TargetDrive(CaptureRun):
                 if isinstance(seen, str):
                     driven["lost"].append(f"{move_text(move.target, move.how)}: {seen}")
                     run.note("decision", event="target lost", why=seen, **about)
+                    await _keep_now(keep, driven, left)
                     continue
                 driven["arrivals"].append({"target": move.target, "how": move.how, "seen": seen})
-                missing = _unseen(left, ENDED)
-                await keep({**driven, "lost": [*driven["lost"], *missing]})
+                await _keep_now(keep, driven, left)
                 off_m = await self._show(move, seen, camera)
                 run.note("decision", event="target seen", off_m=off_m, **about)
             run.progress(moves, moves)
@@ -284,6 +281,11 @@ def _commands(
         if other is not None:
             out.append((k, "corrected", other))
     return out
+
+
+async def _keep_now(keep: Keep, driven: Mapping[str, Any], left: Sequence[TargetMove]) -> None:
+    """Should the run end now, the moves ``left`` are lost."""
+    await keep({**driven, "lost": [*driven["lost"], *_unseen(left, ENDED)]})
 
 
 def _unseen(moves: Sequence[TargetMove], why: str) -> list[str]:

@@ -1,5 +1,6 @@
 """Targets of a check of a fixed camera: shown before, and nothing of them lost after, on virtual time."""
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
@@ -288,6 +289,38 @@ def test_a_run_that_ends_among_its_targets_keeps_the_check_and_what_was_seen(
             assert cell.notes(run_id, "proposed") == []
             if fault is not None:
                 await put_right(cell)
+
+    run_virtual(main())
+
+
+def test_a_run_that_ends_among_its_targets_says_why_others_were_left_out_or_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        made = config(tmp_path, poses=14, targets=wanted(AWAY, *STEPS[:2]))
+        async with open_cell(made, job=CHECK) as cell:
+            give_hand_eye(cell)
+
+            def moving(q0: Array, q1: Array) -> bool:
+                run = cell.engine.run
+                return run is not None and cell.state == "move" and bool(cell.notes(run.id, "targets"))
+
+            refusing(monkeypatch, moving)
+            aborts: list[asyncio.Future[None]] = []
+
+            def look() -> None:
+                run = cell.engine.run
+                if run is not None and cell.state == "return" and cell.notes(run.id, "target lost"):
+                    aborts.append(asyncio.ensure_future(cell.engine.abort(WHO)))
+
+            unsubscribe = cell.engine.subscribe(look)
+            run_id, _ = await driven_run(cell)
+            unsubscribe()
+            assert cell.end(run_id)["outcome"] == "stopped", cell.end(run_id)
+            away, *lost = cell.result(run_id)["result"]["driven"]["lost"]
+            assert away == "target 1 as given: out of the arm's reach"
+            assert len(lost) == 2
+            assert all("a box that nobody planned with" in why for why in lost)
 
     run_virtual(main())
 
