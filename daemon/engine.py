@@ -41,6 +41,7 @@ from procedures.arm_setup import arm_models
 
 log = logging.getLogger("cellward.engine")
 
+CLOSING = "the run is over and its end is being written; ask again then"
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
 
 
@@ -235,7 +236,7 @@ class Engine:
     async def reset(self, who: str) -> None:
         """Leave Aborted or Stopped; refused while the arm itself still shows a fault."""
         if self._task is not None:
-            raise error("NOT_NOW", "a job is running; stop it first")
+            raise error("NOT_NOW", CLOSING if self._closing else "a job is running; stop it first")
         if (fault := self.arm_fault()) is not None:
             raise error("NOT_NOW", f"the arm still shows: {fault}")
         self.context.broker.reset()
@@ -381,6 +382,9 @@ class Engine:
             final, outcome = PackML.COMPLETE, "complete"
         if isinstance(failure, LatchError):
             self.context.broker.latch(failure)
+        if failure is not None:  # told before the answer is kept, which may take half a minute
+            self.error, self._ending = failure, PackML.ABORTING
+            self.publish()
         kept = outcome != "complete" and await keep_answer(run, folder)
         verdict = run.result.verdict if run.result else None
         end = {
@@ -447,7 +451,7 @@ class Engine:
 
     def _active(self) -> Run:
         if self._task is None or self.run is None or self._closing:
-            raise error("NOT_NOW", "no job is running")
+            raise error("NOT_NOW", CLOSING if self._closing else "no job is running")
         return self.run
 
     def publish(self) -> None:

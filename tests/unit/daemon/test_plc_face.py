@@ -14,7 +14,7 @@ from daemon.modbus import Command
 from daemon.plc import PlcFace
 from daemon.warning_bits import warnings_shown
 from fakes.object import run_virtual
-from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
+from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -255,6 +255,36 @@ def test_a_protective_stop_shows_its_bits_and_code_until_the_reset(tmp_path: Pat
         assert (panel.has(FAULT), panel.has(STOPPED_BY_SAFETY)) == (False, False)
         assert (panel.read("error_code"), panel.read("packml_state")) == (0, PackML.IDLE)
         assert panel.has(READY)
+
+    on_a_panel(write_config(tmp_path), script)
+
+
+def test_what_ended_a_run_is_shown_while_its_answer_is_still_being_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = 20.0  # s
+
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        async def keep_answer(*_: object) -> bool:
+            await cell.clock.sleep(held)
+            return False
+
+        monkeypatch.setattr("daemon.engine.keep_answer", keep_answer)
+        told: list[int] = []
+        await panel.start_placed()
+        await cell.until_state("move")
+        cell.engine.subscribe(lambda: told.append(panel.read("error_code")))
+        code = catalogue()["ARM_PROTECTIVE_STOP"].code
+        cell.plant.controller.inject("protective-stop")
+        await cell.until(lambda: panel.read("error_code") == code, "the code", 1.0)
+        assert code in told, "and it was published"
+        assert (panel.has(FAULT), panel.has(BUSY), panel.has(READY)) == (True, True, False)
+        assert panel.read("packml_state") == PackML.ABORTING
+        for asked in (cell.engine.reset, cell.engine.abort, cell.engine.pause):
+            assert "its end is being written" in str(await refused(asked(WHO)))
+        assert panel.read("error_code") == code
+        await cell.until(lambda: not panel.has(BUSY), "the end", 2.0 * held)
+        assert panel.read("packml_state") == PackML.ABORTED
 
     on_a_panel(write_config(tmp_path), script)
 
