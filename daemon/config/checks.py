@@ -33,7 +33,8 @@ def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
         names = [p for p in path if isinstance(p, str)]
         key = names[-1] if names else ""
         if not -LARGEST <= value <= LARGEST:
-            findings.add(path, f"should be a finite number of at most {LARGEST:g}, not {str(value)[:20]}")
+            bound = f"of at most {LARGEST:g} in size"
+            findings.add(path, f"should be a finite number {bound}, not {str(value)[:20]}")
         elif _is_length(path, key) and abs(value) > MAX_LENGTH_M:
             findings.add(path, f"{value:g} m is probably millimetres; lengths are in metres")
         elif _is_angle(path, key, names) and abs(value) > MAX_ANGLE_RAD:

@@ -221,7 +221,7 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
         "10: limits.speed_m_s: should be greater than or equal to 0.001, not -1",
         "12: limits.workspace[0].max: should have 3 entries, has 2",
         "13: limits.workspace[1].min: each number of 'min' must be smaller than that of 'max'",
-        "16: supervisor.loop_lag_warn_s: should be a finite number of at most 1e+300, not nan",
+        "16: supervisor.loop_lag_warn_s: should be a finite number of at most 1e+300 in size, not nan",
         "18: poses.home: should have 6 entries, has 5",
         "18: poses.home[1]: -90 rad is probably degrees; angles are in radians",
         "18: poses.home[2]: 90 rad is probably degrees; angles are in radians",

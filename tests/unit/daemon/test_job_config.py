@@ -37,7 +37,7 @@ def test_a_length_in_millimetres_is_refused_as_in_the_configuration(tmp_path: Pa
 
 def test_a_number_that_no_cell_has_is_refused_with_what_is_permitted(tmp_path: Path) -> None:
     found = str(refusal(LaserCheck, tmp_path, tolerance_m="1e308"))
-    assert "tolerance_m: should be a finite number of at most 1e+300, not 1e+308" in found
+    assert "tolerance_m: should be a finite number of at most 1e+300 in size, not 1e+308" in found
 
 
 @pytest.mark.parametrize("job", [LaserCheck, LaserUpdate, LatencyCalibration])
