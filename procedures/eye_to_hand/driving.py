@@ -137,7 +137,8 @@ class TargetDrive(CaptureRun):
         self._stood, self._bound_for = [], ""
         why = FINISHED
         try:
-            if left and await self.run.ask(moves_text(found, driven, len(left)), skippable=True):
+            asked = moves_text(found, driven, [(m.target, m.how) for m in left])
+            if left and await self.run.ask(asked, skippable=True):
                 why = await self._drive_all(left, driven, camera, home, keep)
             else:
                 why = "skipped by the operator"

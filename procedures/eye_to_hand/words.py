@@ -1,6 +1,6 @@
 """An eye-to-hand check in words: the standard, the verdict on what was given, and what correcting brings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import dist
 from typing import Any
 
@@ -95,17 +95,20 @@ def check_text(found: AxbcResult) -> str:
     return f"{said[found.verdict]}{because}: the given hand-eye is off by {_off(found.result)}; {blamed}"
 
 
-def moves_text(found: AxbcResult, driven: Mapping[str, Any], moves: int) -> str:
+def moves_text(found: AxbcResult, driven: Mapping[str, Any], moves: Sequence[tuple[int, How]]) -> str:
     """The verdict, and what the arm is about to be driven to, for the operator's prompt; ``driven`` as in a
-    data set."""
+    data set, ``moves`` (target, how) without those that are left out."""
     told, way = [], driven["way"]
     shifts: list[float] = []
-    for k, target in enumerate(driven["targets"], 1):
-        said = f"target {k} as given {pose_text(target['given'])}"
-        if target["corrected"] is not None:
+    for k, target in enumerate(driven["targets"]):
+        said = []
+        if (k, "given") in moves:
+            said.append(f"as given {pose_text(target['given'])}")
+        if (k, "corrected") in moves:
             shifts.append(shift := dist(target["corrected"][:3], target["given"][:3]))
-            said += f", corrected by {mm(shift)} to {pose_text(target['corrected'])}"
-        told.append(said)
+            said.append(f"corrected by {mm(shift)} to {pose_text(target['corrected'])}")
+        if said:
+            told.append(f"target {k + 1} {', '.join(said)}")
     by = (
         "as given only, since no correction is surely better than none"
         if way == "none"
@@ -115,8 +118,8 @@ def moves_text(found: AxbcResult, driven: Mapping[str, Any], moves: int) -> str:
         by += f", which moves them by up to {mm(max(shifts))}"
     left = f"; left out: {'; '.join(driven['lost'])}" if driven["lost"] else ""
     return (
-        f"{check_text(found)}. {moves} moves to targets, {by}: {'; '.join(told)}{left}. Confirm to drive "
-        "there and see what is off, or skip them"
+        f"{check_text(found)}. {len(moves)} {'move' if len(moves) == 1 else 'moves'} to targets, {by}: "
+        f"{'; '.join(told)}{left}. Confirm to drive there and see what is off, or skip this"
     )
 
 
@@ -152,7 +155,8 @@ def seen_text(at: SeenAtTarget | None) -> str:
     """How far off one arrival was, with what is common to all targets in the same line."""
     if at is None:
         return "not measured"
-    return f"{mm(at.off_m)} +- {mm(at.off_95_m)} (95 %, {mm(at.common_95_m)} of it common to all targets)"
+    common = f"{mm(at.common_95_m)} common to all targets, and its own part added in squares"
+    return f"{mm(at.off_m)} +- {mm(at.off_95_m)} (95 %: {common})"
 
 
 def _off(answer: AxbcAnswer) -> str:

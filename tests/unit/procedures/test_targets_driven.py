@@ -27,6 +27,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 
 STEPS = ([0.03, 0.02, 0.02], [-0.04, 0.03, 0.05], [0.03, -0.04, 0.04], [-0.03, -0.03, -0.02])  # m
 AWAY = [0.0, 0.0, 3.0]  # m along the camera's axis: no arm is so long
+DRIVING = "Confirm to drive there"  # ends the question before the targets
 BEHIND = [0.0, 0.0, -2.0]
 
 
@@ -47,7 +48,7 @@ async def driven_run(cell: ObjectCell, answer: str = "confirm") -> tuple[int, st
         run = cell.engine.run
         if run is not None and run.prompt is not None:
             number, text = run.prompt
-            if "moves to targets" in text:
+            if DRIVING in text:
                 asked = text
                 assert cell.at_rest()
             if asked and answer in ("finish", "abort"):
@@ -87,7 +88,7 @@ def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_pat
             judged = judge_standard(found, truth, cell.folder(run_id).path)
             print("\n".join(axbc_lines(found)), judged.text, sep="\n")
             assert judged.good, judged.text
-            assert "common to all targets" in "\n".join(axbc_lines(found))
+            assert "common to all targets, and its own part added in squares)" in "\n".join(axbc_lines(found))
             assert solve_axbc(cell.folder(run_id).path)["result"] == result["result"]
             assert found.result.driven is not None
             page = str(driven_section(Source(found)))
@@ -146,6 +147,10 @@ def test_targets_out_of_reach_and_out_of_sight_are_named_and_the_others_driven_t
             give_hand_eye(cell)
             run_id, asked = await driven_run(cell)
             assert "2 moves to targets" in asked
+            listed, _, left_out = asked.partition("; left out: ")
+            assert "target 2 as given" in listed
+            assert not any(f"target {k} as given" in listed for k in (1, 3))
+            assert all(f"target {k} as given: " in left_out for k in (1, 3))
             driven = cell.result(run_id)["result"]["driven"]
             assert any(text == "target 1 corrected: out of the arm's reach" for text in driven["lost"]), (
                 driven
@@ -166,7 +171,8 @@ def test_targets_that_were_not_wanted_are_not_driven_to(answer: str, said: str, 
     async def main() -> None:
         async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
             give_hand_eye(cell)
-            run_id, _ = await driven_run(cell, answer)
+            run_id, asked = await driven_run(cell, answer)
+            assert " 1 move to targets, as given only" in asked
             assert cell.end(run_id)["outcome"] == "complete"
             driven = cell.result(run_id)["result"]["driven"]
             assert driven["lost"] == [f"target 1 as given: {said}"]
@@ -225,7 +231,7 @@ def test_a_held_run_waits_on_its_way_to_the_targets(tmp_path: Path) -> None:
             while cell.engine.active:
                 run = cell.engine.run
                 if run is not None and run.prompt is not None:
-                    targets = "moves to targets" in run.prompt[1]
+                    targets = DRIVING in run.prompt[1]
                     await cell.engine.confirm(run.prompt[0], WHO)
                     if targets:
                         cell.engine.hold(WHO)
@@ -249,7 +255,7 @@ def test_a_move_to_a_target_is_taken_again_after_a_short_silence(tmp_path: Path)
             while cell.engine.active:
                 run = cell.engine.run
                 if run is not None and run.prompt is not None:
-                    if "moves to targets" in run.prompt[1]:
+                    if DRIVING in run.prompt[1]:
                         inject_at(cell, silent, "capture", 0.0)
                     await cell.engine.confirm(run.prompt[0], WHO)
                 await cell.clock.sleep(0.05)

@@ -16,7 +16,7 @@ from tests.chaos.matrix import Kind, inject_at, kind, put_right
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
 from tests.kit.solved import solve_axbc
 from tests.unit.procedures.test_eye_to_hand_check import CHECK, config, give_hand_eye
-from tests.unit.procedures.test_targets_driven import AWAY, STEPS, driven_run, wanted
+from tests.unit.procedures.test_targets_driven import AWAY, DRIVING, STEPS, driven_run, wanted
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -62,7 +62,7 @@ def test_the_arm_goes_back_past_an_earlier_target_where_the_straight_way_is_not_
 
             def told() -> None:
                 run = cell.engine.run
-                if run is not None and run.prompt is not None and "moves to targets" in run.prompt[1]:
+                if run is not None and run.prompt is not None and DRIVING in run.prompt[1]:
                     (planned,) = cell.notes(run.id, "targets")
                     last[:] = planned["moves"][-1]["q"]
 
@@ -148,7 +148,7 @@ def test_a_lease_that_refuses_a_target_for_good_ends_the_driving_and_not_the_run
             while cell.engine.active:
                 run = cell.engine.run
                 if run is not None and run.prompt is not None:
-                    if "moves to targets" in run.prompt[1]:
+                    if DRIVING in run.prompt[1]:
                         cell.plant.plants["arm"].inject("local-mode", {})
                         await cell.clock.sleep(1.0)
                     await cell.engine.confirm(run.prompt[0], WHO)
