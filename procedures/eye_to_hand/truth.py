@@ -20,7 +20,11 @@ _RADIUS95 = 2.795  # standard deviations that 95 % of normal 3-vectors are short
 
 def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when the error of ``T_camera_base`` is within its own covariance, and targets that were driven to
-    are truly off as stated."""
+    are truly off as stated: each of the two is in 99.73 % of good runs.
+
+    Each of ``of95`` is below 1 in 95 % of good runs. There are two of them where targets were driven to, and
+    both are below in 90 % at least.
+    """
     answer = result.result
     xi = log_xi(from_pose6(answer.T_camera_base).inv() * from_pose6(truth["T_base_camera"]).inv())
     cov = np.array(answer.cov)
@@ -52,10 +56,13 @@ class DrivenTruth:
 
 def driven_truth(driven: DrivenTargets, truth: Mapping[str, Any]) -> DrivenTruth:
     """Each arrival beside where the target truly was at the joints at which the arm rested; how well the arm
-    repeats a pose is not in its joints, so that is allowed for beside what is stated."""
+    repeats a pose, in place and in angle over the lever to the target, is not in its joints, so that is
+    allowed for beside what is stated."""
     mechanical = truth["mechanical"]
     camera = from_pose6(mechanical["T_base_camera"]).inv()
     place = from_pose6(mechanical["T_flange_target"][0])
+    noise, lever_m = truth["noise"], float(np.linalg.norm(place.translation))
+    repeats = _RADIUS95 * np.hypot(noise["sigma_flange_t"], noise["sigma_flange_r"] * lever_m)
     shares: list[float] = []
     true: dict[str, dict[int, float]] = {"before": {}, "after": {}}
     for target in driven.targets:
@@ -66,24 +73,29 @@ def driven_truth(driven: DrivenTargets, truth: Mapping[str, Any]) -> DrivenTruth
             flange = true_flange(truth["robot"], np.array([seen.q]))[0]
             at = camera.apply(flange[:3, :3] @ place.translation + flange[:3, 3])
             true[how][target.number] = float(np.linalg.norm(at - wanted))
-            bound = np.hypot(seen.off_95_m, _RADIUS95 * truth["noise"]["sigma_flange_t"])
-            shares.append(float(np.linalg.norm(at - wanted - seen.off) / bound))
+            shares.append(float(np.linalg.norm(at - wanted - seen.off) / np.hypot(seen.off_95_m, repeats)))
     return DrivenTruth(shares, true)
 
 
 def _judge_driven(driven: DrivenTargets, truth: Mapping[str, Any]) -> tuple[bool, str, dict[str, float]]:
-    """Good when all arrivals are as stated within limits that 99.73 % of good runs keep."""
+    """Good when all arrivals are as stated within limits that 99.73 % of good runs keep.
+
+    Which of the two ways is called nearer, by two standard deviations, is told and not judged: where nothing
+    is gained, chance alone makes such a call in 2.3 % of good runs.
+    """
     found = driven_truth(driven, truth)
     shares, true, n = found.shares, found.true, len(found.shares)
     if not shares:
         return True, "no target was seen", {}
     both = sorted(true["before"].keys() & true["after"].keys())
     before, after = (np.sqrt(np.mean([true[how][k] ** 2 for k in both] or [0.0])) for how in true)
-    good = max(shares) <= limit_of_worst(n, sure=True) and (driven.better is not True or bool(after < before))
+    good = max(shares) <= limit_of_worst(n, sure=True)
     words = "consistent with" if good else "NOT consistent with"
     text = (
         f"targets are truly {mm(float(before))} off as given and {mm(float(after))} corrected (RMS of those "
         f"seen both ways); the worst of {n} arrivals is stated {max(shares):.2f} of its 95 % wrong, and of "
         f"{n} the worst is below {limit_of_worst(n):.2f} in 95 % of good runs: {words} what is stated"
     )
+    if driven.better:
+        text += f"\ncorrected is called surely nearer, and truly is{'' if after < before else ' NOT'}"
     return good, text, {f"the worst of {n} arrivals": max(shares) / limit_of_worst(n)}
