@@ -79,8 +79,7 @@ WARNING_BITS = (
     ),
     WarningBit(
         "ledger_damaged",
-        "the ledger is damaged, or was damaged or missing and a new one begun, until "
-        "'cellward acknowledge-ledger'",
+        "the ledger was damaged or missing and a new one begun, until 'cellward acknowledge-ledger'",
         _ledger_damaged,
     ),
     WarningBit("disk_low", "the disk of the runs is nearly full: run prune", _disk_low),

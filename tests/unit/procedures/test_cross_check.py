@@ -300,7 +300,7 @@ def test_a_touch_test_names_a_bent_tool_that_no_beams_saw(tmp_path: Path) -> Non
 def test_what_shows_a_zero_is_named_as_it_was_given(by: str) -> None:
     found = CrossChecked("none", None, {"none": 1.0}, np.zeros(3), np.ones(3), (), by_beams_alone=(0,))
     inputs = CrossCheckInputs(then="then", now="now", setup="eye-in-hand")
-    result = _result(found, inputs, CrossCheckResiduals(then_px=None, now_px=None), by)
+    result = _result(found, inputs, CrossCheckResiduals(then_px=None, now_px=None), by, [])
     (open_,) = result.observability.undetermined
     assert open_.endswith(f"from a bent tool: it shows in {by} alone")
 
