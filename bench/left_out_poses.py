@@ -8,8 +8,10 @@ of errors inside the stated 95 % in translation and in rotation. Then the same f
 counted that the solution rejects; and, where there are several placements, for each placement left out as a
 whole: the target's pose there as one image has it, predicted for the next image. What is stated is the
 uncertainty of X, target, lens and numbers with that of the pose itself: its corners and its flange, by the
-noise levels found. ``--equal-weights`` weighs every pose alike in place of that, whatever its image tells:
-1 mm and 3 mrad of the flange, beside which the corners' noise does not count.
+noise levels found. ``--equal-weights`` weighs every pose alike in place of that, whatever its image tells: by
+a noise of the flange that is three times what the corners leave open of the worst image, 1 mm and 3 mrad at
+least (less rejects poses). Lens and print are found with the corners' noise that our weights have; of
+the arm's errors less is found beside so much noise, and what is stated is that noise.
 """
 
 import argparse
@@ -45,7 +47,7 @@ from procedures.hand_eye.solve.capture import CaptureSet, load_capture
 from procedures.hand_eye.solve.solver import given_noise, measurements
 
 _STEP = 1e-6
-_ALIKE = {"sigma_px": 0.05, "sigma_flange_t": 1e-3, "sigma_flange_r": 3e-3}
+_EQUAL_NOISE, _EQUAL_T, _EQUAL_R = 3.0, 1e-3, 3e-3  # of the worst image's; at least so much in m and in rad
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class Capture:
     noise: Mapping[str, float]
 
 
-def _capture(path: Path, alike: bool = False) -> Capture:
+def _capture(path: Path, equal_weights: bool = False) -> Capture:
     loaded = load_capture(path)
     choice = choose_camera(loaded, adjusts=True)
     check_views(loaded, choice.camera)
@@ -138,8 +140,15 @@ def _capture(path: Path, alike: bool = False) -> Capture:
     arm = None
     if given is not None:
         arm = ArmKnown(given.spec.arm, given.Q, np.tile([-np.pi, np.pi], (JOINTS, 1)), known.arm)
-    noise = _ALIKE if alike else given_noise(loaded)
-    return Capture(loaded, choice.camera, known, rows, arm, noise)
+    capture = Capture(loaded, choice.camera, known, rows, arm, given_noise(loaded))
+    if not equal_weights:
+        return capture
+    whole = _without(capture, np.zeros(0, dtype=np.int64)).found
+    px = whole.components.sigma["sigma_px"]
+    worst = px * np.sqrt(np.diagonal(whole.problem.cov_px, axis1=1, axis2=2).max(axis=0))
+    t = max(_EQUAL_NOISE * float(worst[:3].max()), _EQUAL_T)
+    r = max(_EQUAL_NOISE * float(worst[3:].max()), _EQUAL_R)
+    return replace(capture, noise={"sigma_px": px, "sigma_flange_t": t, "sigma_flange_r": r})
 
 
 @dataclass(frozen=True)
