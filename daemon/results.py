@@ -2,15 +2,16 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cell.calibrations import rests_on_kinematics
 from cell.errors import CellError, error
-from cell.formats.result import Envelope, StepTakenAgain
+from cell.formats.result import Envelope, StepTakenAgain, Warning_
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
@@ -19,7 +20,10 @@ from procedures.in_worker import in_worker
 from procedures.kinematics_in_use import in_words, misfits, with_model
 from procedures.replay import solve_again
 
-ANSWER_S = 30.0  # longest time that the end of a run waits for its answer
+ANSWER_S = 30.0  # longest time that the end of a run waits for its answer ...
+FALL_BACK_S = 10.0  # ... and for the one before to be written where that fails
+NOT_RENEWED = "answer.not-renewed"
+Elsewhere = Callable[..., Awaitable[Any]]  # a call in the worker, or in a thread
 log = logging.getLogger("cellward.results")
 
 
@@ -47,25 +51,51 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
 
 async def keep_answer(run: Run, folder: RunFolder) -> bool:
     """``result.json`` of a run that had its answer and was ended before it was over, from the data that it
-    left, as ``cellward solve`` makes it; nothing is proposed. Whether there is one; the journal says why not.
+    left, as ``cellward solve`` makes it; nothing is proposed. Where that fails, the answer that it had
+    before, which warns of that. Whether there is one; the journal says why not.
     """
     if not run.answered:
         return False
-    run.result = None  # of what the data set was before
+    before, run.result = run.result, None  # of what the data set was before
     try:
         async with asyncio.timeout(ANSWER_S):
             asked = run.procedure.name, folder.path, folder.info, dict[str, Any]()
             found = await in_worker(run.worker, solve_again, *asked)
-            result = with_interruptions(with_model(found, run.values, run.proposed), run).signed()
-            made = await in_worker(run.worker, texts_of, result, str(folder.path / "result.json"), None)
-            await asyncio.to_thread(folder.write_result, made.result)
+            await _keep(run, folder, found, partial(in_worker, run.worker))
     except Exception as exc:  # it must not cost the end of the run
-        log.exception("the answer of run %d", run.id)
-        with suppress(CellError):
-            run.note("error", event="answer not kept", why=f"{type(exc).__name__}: {exc}")
+        why = _not_kept(run, "answer not solved again", exc, ANSWER_S)
+    else:
+        return True
+    if before is None:
         return False
-    run.result, run.figures, run.shown = result, made.kept.figures, made.kept.shown
+    again = f"the data are kept: cellward solve {run.procedure.kind} {folder.path}"
+    text = f"what was measured after the answer is not in it, as it was not solved again ({why}); {again}"
+    try:
+        async with asyncio.timeout(FALL_BACK_S):  # in a thread: the worker may still be solving
+            warned = before.judged((), [Warning_(code=NOT_RENEWED, text=text)])
+            await _keep(run, folder, warned, asyncio.to_thread)
+    except Exception as exc:
+        _not_kept(run, "answer not kept", exc, FALL_BACK_S)
+        return False
     return True
+
+
+async def _keep(run: Run, folder: RunFolder, found: Envelope, elsewhere: Elsewhere) -> None:
+    """``found`` in ``result.json`` and as the result of the run; its text is made ``elsewhere``."""
+    result = with_interruptions(with_model(found, run.values, run.proposed), run).signed()
+    made = await elsewhere(texts_of, result, str(folder.path / "result.json"), None)
+    await asyncio.to_thread(folder.write_result, made.result)
+    run.result, run.figures, run.shown = result, made.kept.figures, made.kept.shown
+
+
+def _not_kept(run: Run, event: str, exc: Exception, limit_s: float) -> str:
+    """Note why, and return it in words."""
+    log.error("run %d: %s", run.id, event, exc_info=exc)
+    late = f"it took longer than {limit_s:g} s"
+    why = late if isinstance(exc, TimeoutError) else f"{type(exc).__name__}: {exc}"
+    with suppress(CellError):
+        run.note("error", event=event, why=why)
+    return why
 
 
 def with_interruptions(result: Envelope, run: Run) -> Envelope:

@@ -325,22 +325,33 @@ def test_a_run_that_ends_among_its_targets_says_why_others_were_left_out_or_lost
     run_virtual(main())
 
 
-def test_an_answer_that_cannot_be_solved_again_does_not_cost_the_end_of_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("failure", "why"),
+    [(OSError("the disk"), "OSError: the disk"), (TimeoutError(), "it took longer than 30 s")],
+    ids=["disk", "time"],
+)
+def test_an_answer_that_cannot_be_solved_again_falls_back_to_the_one_before(
+    failure: Exception, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:
-        raise OSError("the disk")
+        raise failure
 
     async def main() -> None:
         async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
             give_hand_eye(cell)
             monkeypatch.setattr("daemon.results.solve_again", broken)
             run_id, _ = await driven_run(cell, "abort")
-            assert cell.end(run_id)["outcome"] == "stopped"
-            assert cell.end(run_id)["verdict"] is None
-            assert cell.folder(run_id).read_result() is None
-            (why,) = cell.notes(run_id, "answer not kept")
-            assert why["why"] == "OSError: the disk"
+            end, result = cell.end(run_id), cell.result(run_id)
+            assert (end["outcome"], end["verdict"]) == ("stopped", "warn")
+            assert len(result["result"]["places"]) >= 12
+            assert "driven" not in result["result"]
+            (note,) = cell.notes(run_id, "answer not solved again")
+            assert note["why"] == why
+            (warning,) = [w["text"] for w in result["warnings"] if w["code"] == "answer.not-renewed"]
+            assert f"({why})" in warning
+            assert warning.endswith(f"the data are kept: cellward solve axbc {cell.folder(run_id).path}")
+            assert solve_axbc(cell.folder(run_id).path)["result"]["driven"]["lost"]
+            assert cell.ledger.waiting_results() == [], "nothing is proposed by a run that was ended"
 
     run_virtual(main())
 
