@@ -2,6 +2,7 @@
 
 import os
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 from cell.errors import CellError, error
@@ -98,16 +99,21 @@ def _copy(connection: sqlite3.Connection, copy: Path) -> None:
 def open_for_reading(path: Path) -> sqlite3.Connection:
     """A connection that changes nothing; ``LEDGER_DAMAGED``, ``ACCESS_DENIED``, ``FILE_UNREADABLE``.
 
-    The file may be a running daemon's: whoever only looks must not set it aside. One that nobody has open has
-    no log beside it; SQLite would make one, which who may only read cannot.
+    The file may be a running daemon's: whoever only looks must not set it aside.
     """
     if path.exists() and not os.access(path, os.R_OK, effective_ids=True):
         raise error("ACCESS_DENIED", f"{path}")
-    may_write = os.access(path.parent, os.W_OK, effective_ids=True)
-    as_it_is = not may_write and not path.with_name(path.name + "-wal").exists()
-    uri = f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if as_it_is else ''}"
     try:
-        connection = sqlite3.connect(uri, uri=True, timeout=OPEN_S)
+        return _open_to_read(path)
+    except CellError as exc:
+        if exc.name != "LEDGER_DAMAGED":
+            raise
+    return _open_to_read(path)  # a daemon that began to write meanwhile looks like damage, once
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    try:
+        connection = sqlite3.connect(_uri_to_read(path), uri=True, timeout=OPEN_S)
     except sqlite3.Error as exc:
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
     connection.row_factory = sqlite3.Row
@@ -122,9 +128,22 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def _uri_to_read(path: Path) -> str:
+    """A ledger that nobody has open has no log beside it; SQLite would make one, which who may only read
+    cannot. It is read as it is then, without locks."""
+    as_it_is = _may_only_read(path) and not path.with_name(path.name + "-wal").exists()
+    return f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if as_it_is else ''}"
+
+
+def _may_only_read(path: Path) -> bool:
+    return not os.access(path.parent, os.W_OK, effective_ids=True)
+
+
 def disk_error(path: Path, exc: sqlite3.Error) -> CellError:
     """SQLite's complaint as a coded error: about the file, the disk, or what this program asked for."""
     if _damaged(exc):
+        if _may_only_read(path) and _sound(path):  # read without locks while a daemon began to write
+            return error("NOT_NOW", f"{path} was changed while it was read: ask again")
         return error("LEDGER_DAMAGED", f"{path}: {exc}")
     if isinstance(exc, sqlite3.IntegrityError | sqlite3.ProgrammingError | sqlite3.InterfaceError):
         return error("INTERNAL", f"{path}: {exc}")
@@ -136,6 +155,15 @@ def _damaged(exc: sqlite3.Error) -> bool:
     """Whether the content of the file is what it complains of."""
     code = getattr(exc, "sqlite_errorcode", 0) & 0xFF  # the rest says more closely where
     return code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def _sound(path: Path) -> bool:
+    """Whether the file is in order when it is read anew; nothing is changed."""
+    try:
+        with closing(sqlite3.connect(_uri_to_read(path), uri=True, timeout=OPEN_S)) as connection:
+            return bool(connection.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok")
+    except sqlite3.Error:
+        return False
 
 
 def _connect(path: Path) -> sqlite3.Connection:
