@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from calibration.adjustment import hand_eye
 from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
 from cell.errors import InputError
 from cell.poses import from_pose6, to_pose6
 from procedures.documents import read_result
 from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.solve.adjustment import NOT_SETTLED
 from procedures.hand_eye.words import hand_eye_lines
 from tests.kit.hand_eye_scene import BOARD, make_scene
 from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, World, capture, world
@@ -91,6 +93,14 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
     first, now = subject["result"]["as_configured"]["spread_across"], subject["result"]["spread_across"]
     assert now["t_norm"] < first["t_norm"], "what was found makes the placements agree better"
+
+
+def test_an_answer_that_still_moves_in_the_last_round_is_warned_of(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert NOT_SETTLED[0] not in {w["code"] for w in solved(tmp_path, imperfect[1], "adjustment")["warnings"]}
+    monkeypatch.setattr(hand_eye, "_ROUNDS", 1)
+    assert NOT_SETTLED[0] in {w["code"] for w in solved(tmp_path, imperfect[1], "adjustment")["warnings"]}
 
 
 def told(result: dict[str, Any]) -> str:
