@@ -22,10 +22,10 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def read_json(path: Path, table: Callable[[Table], Table] = dict) -> dict[str, Any]:
+def read_json(path: Path, table: Callable[[Table], Table] | None = None) -> dict[str, Any]:
     """The object in a JSON file; ``FILE_MISSING``, ``FILE_UNREADABLE`` or ``DATA_INVALID`` else.
 
-    ``table`` is told of every table in it, and what it makes of it is taken.
+    ``table``, where given, is told of every table in it, and what it makes of it is taken.
     """
     if not path.is_file():
         raise error("FILE_MISSING", f"{path} does not exist; give the path of a data set")
@@ -39,9 +39,8 @@ def read_json(path: Path, table: Callable[[Table], Table] = dict) -> dict[str, A
     if not text.strip():
         raise error("FILE_UNREADABLE", f"{path} is empty; replace it with a good copy")
     try:
-        raw = json.loads(
-            text, parse_constant=_refuse_constant, object_pairs_hook=lambda pairs: table(_once(pairs))
-        )
+        made = _once if table is None else lambda pairs: table(_once(pairs))
+        raw = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=made)
         if "\\ud" in text or "\\uD" in text:  # an escape that may be half of a pair
             json.dumps(raw, ensure_ascii=False, default=repr).encode()
     except UnicodeEncodeError as exc:

@@ -16,7 +16,7 @@ from daemon.demo.plc import POLL_S, REFUSED, START, Plc, refusal_of
 from drivers.can_bus.link import CanLink
 
 GATEWAY_PORT = 29536  # of a twin's CAN bus
-OPEN_S, ANSWER_S = 5.0, 20.0
+OPEN_S, ANSWER_S, AGAIN_S = 5.0, 20.0, 1.0
 
 
 class PlcOnCan(Plc):
@@ -39,7 +39,7 @@ class PlcOnCan(Plc):
             raise refusal_of(START, code - REFUSED, "CAN")
 
     async def _ask(self, job: int) -> int:
-        """Send the command once; the result code of the answer that has its sequence."""
+        """Send the command until it is answered; the result code of the answer that has its sequence."""
         keys, told = CanSection(), asyncio.get_running_loop().create_future()
 
         def take(messages: Sequence[can.Message], looked: float, now: float) -> None:
@@ -56,9 +56,11 @@ class PlcOnCan(Plc):
         link = CanLink("the PLC", self._bus, [(keys.acknowledge_id, False)], take, lost, MonotonicClock())
         await link.open(OPEN_S)
         try:
-            await link.send(keys.command_id, COMMAND.pack(START, job, self._sequence, 0))
             async with asyncio.timeout(ANSWER_S):
-                return int(await told)
+                while not told.done():
+                    await link.send(keys.command_id, COMMAND.pack(START, job, self._sequence, 0))
+                    await asyncio.wait([told], timeout=AGAIN_S)
+                return int(told.result())
         except TimeoutError as exc:
             raise error("CALL_TIMEOUT", f"a start over CAN was not acknowledged in {ANSWER_S:g} s") from exc
         finally:

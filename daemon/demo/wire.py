@@ -23,7 +23,7 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.beside import ObjectSteps
-from daemon.demo.can_node import PlcOnCan, share_encoders_bus
+from daemon.demo.can_node import GATEWAY_PORT, PlcOnCan, share_encoders_bus
 from daemon.demo.children import Child, console_script
 from daemon.demo.closing import Row, close_demo
 from daemon.demo.ending import conclude
@@ -34,7 +34,8 @@ from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
 from daemon.report_index import CellState
 
-NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212)  # UR's four; Modbus servers; GeoCOM
+# UR's four; Modbus servers; GeoCOM; CAN.
+NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212, GATEWAY_PORT)
 TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0

@@ -174,7 +174,10 @@ def axbc_plan_lines(plan: Mapping[str, Any]) -> list[str]:
         for t in targets
         if not t["why"]
     ]
-    lines.append(f"{len(targets)} targets are driven to after the answer, as given and corrected; as given:")
+    lines.append(
+        f"{len(rows)} of {len(targets)} targets are driven to after the answer, as given and corrected; "
+        "as given:"
+    )
     if rows:
         lines.append(table(TARGETS_HEADER, rows))
     lines += [f"  target {t['number']} is left out: {t['why']}" for t in targets if t["why"]]

@@ -75,24 +75,27 @@ def _sizes(t: float, r: float) -> str:
 def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
     """The prior of a camera with ``camera.sigma``, and where it comes from."""
     prior = lens_prior(sigma)
-    focal = f"focal length {100 * prior.focal:g} %"
-    centre = f"principal point {prior.centre_px:g} px"
-    given = [key for key in ("f", "c_px") if (sigma or {}).get(key) is not None]
-    if not given:
-        return prior, f"default: a camera that its maker has calibrated ({focal}, {centre})"
-    if len(given) == 1:
-        stated, usual = (focal, centre) if given == ["f"] else (centre, focal)
-        return prior, f"camera.sigma.{given[0]} ({stated}); default: {usual}"
-    return prior, f"camera.sigma ({focal}, {centre})"
+    told = {"f": f"focal length {100 * prior.focal:g} %", "c_px": f"principal point {prior.centre_px:g} px"}
+    default = "a camera that its maker has calibrated"
+    return prior, _source("camera.sigma.", "camera.sigma", told, sigma or {}, default)
 
 
 def _target(target: Mapping[str, Any]) -> tuple[TargetPrior, str]:
     prior = target_prior(target)
-    size, flat = f"printed size {100 * prior.scale:g} %", f"flat to {1e3 * prior.bow:g} mm"
-    given = [key for key in ("scale_sigma", "flatness_m") if target.get(key) is not None]
-    if not given:
-        return prior, f"default: one sheet from an office printer ({size}, {flat})"
-    if len(given) == 1:
-        stated, usual = (size, flat) if given == ["scale_sigma"] else (flat, size)
-        return prior, f"target.{given[0]} ({stated}); default: {usual}"
-    return prior, f"target.scale_sigma and target.flatness_m ({size}, {flat})"
+    told = {
+        "scale_sigma": f"printed size {100 * prior.scale:g} %",
+        "flatness_m": f"flat to {1e3 * prior.bow:g} mm",
+    }
+    both = "target.scale_sigma and target.flatness_m"
+    return prior, _source("target.", both, told, target, "one sheet from an office printer")
+
+
+def _source(one: str, both: str, told: Mapping[str, str], given: Mapping[str, Any], default: str) -> str:
+    """Where a prior of two keys comes from, with their values as ``told``: both stated, one, or neither."""
+    stated = [key for key in told if given.get(key) is not None]
+    if not stated:
+        return f"default: {default} ({', '.join(told.values())})"
+    usual = [value for key, value in told.items() if key not in stated]
+    if usual:
+        return f"{one}{stated[0]} ({told[stated[0]]}); default: {', '.join(usual)}"
+    return f"{both} ({', '.join(told.values())})"

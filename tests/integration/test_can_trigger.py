@@ -196,6 +196,7 @@ def test_the_demos_plc_starts_a_job_and_names_a_refusal(monkeypatch: pytest.Monk
         monkeypatch.setattr(can_node, "GATEWAY_PORT", port)
         node = can_node.PlcOnCan(host, 502)
         monkeypatch.setattr(node, "poll", lambda: None)
+        rig.bus.faults.lose[COMMAND_ID] = 1
         await asyncio.to_thread(node.start_over_can, 1)
         with pytest.raises(CellError, match="over CAN") as told:
             await asyncio.to_thread(node.start_over_can, 99)

@@ -209,7 +209,7 @@ def test_a_dry_run_lists_the_targets_with_joints_or_what_keeps_the_arm_from_them
             assert away["q"] == []
             assert "reach" in away["why"]
             text = "\n".join(axbc_plan_lines(plan))
-            assert "2 targets are driven to after the answer" in text
+            assert "1 of 2 targets are driven to after the answer" in text
             assert f"target 2 is left out: {away['why']}" in text
             assert "corrected: not known before the poses are measured" in text
             assert moves_of(cell, 1) == []
