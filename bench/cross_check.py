@@ -10,13 +10,28 @@ joints 1 to 5: that of joint 6 turns a target that is put anew, and a tool on it
 shows nowhere. With a camera on the flange it is one of the joints 2 to 6: that of joint 1 shows in the beams
 alone, as a bent tool does. ``--touch``: a camera on the flange and no beams, the tool's point over four
 corners of a board instead, brought there to 0.1 mm per axis. ``--tool`` is by how much a tool is bent.
+
+``--twin RUNS``: the same of the whole product, in the twin (:mod:`bench._cross_twin`). Each run draws a
+cell as a rehearsal does (arm, lens, print, mounting, beams and boards around the cell of the demo's cross
+check, in its real world) and plays the jobs on virtual time: a capture of 40 poses and a laser reference,
+then, in a cell that is started again after the fault, laser-check and a capture of a board that lies
+elsewhere, by a lens that temperature has changed; the cross check judges the runs. A tool is bent at the
+flange, a camera moved and turned in directions of chance, a zero lost of one of the joints 2 to 6.
+``--size`` says by how much: ``usual`` as above, ``small`` about half of it, ``large`` twice. With ``--keep
+FILE`` a bench that was ended goes on where it was.
 """
 
 import argparse
+import json
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
 
+import numpy as np
+
+from bench._cross_twin import CANNOT_TELL, FAULTS, NEVER, Told, faults_of, played
 from calibration.hand_eye.problem import Setup
 from tests.kit.cross_check_scene import TOOL_M, checked
 
@@ -37,7 +52,13 @@ def main() -> int:
     parser.add_argument(
         "--tool", type=float, default=1e3 * TOOL_M, metavar="MM", help="a bent tool is off by"
     )
+    parser.add_argument("--twin", type=int, metavar="RUNS", help="cells of the twin, not data sets")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first cell; others follow it")
+    parser.add_argument("--size", choices=tuple(FAULTS), action="append", help="of the faults in the twin")
+    parser.add_argument("--keep", type=Path, help="file of cells: new ones are added, old ones not run")
     options = parser.parse_args()
+    if options.twin is not None:
+        return in_twin(range(options.first, options.first + options.twin), options.size, options.keep)
     setup: Setup = "eye-in-hand" if options.touch else options.setup
     by = {"beams": not options.touch, "touch": options.touch, "tool_m": 1e-3 * options.tool}
     poses = POSES[setup]
@@ -61,6 +82,50 @@ def main() -> int:
     print(f"\nthe right one in at least {100 * SHARE:g} %: {'yes' if good else 'NO'}"
           f"   ({time.perf_counter() - begun:.0f} s)")  # fmt: skip
     return 0 if good else 1
+
+
+def in_twin(seeds: Sequence[int], sizes: Sequence[str] | None, keep: Path | None) -> int:
+    """The table of cells of the twin; 0 when each fault was found often enough, and nothing wrong named."""
+    faults = faults_of(sizes or ["usual"])
+    lines = keep.read_text("utf-8").splitlines() if keep is not None and keep.exists() else []
+    told = [Told(**json.loads(line)) for line in lines]
+    done = {(one.seed, one.fault) for one in told}
+    for seed in seeds:
+        if wanted := [fault for fault in faults if (seed, fault.name) not in done]:
+            new = played(seed, wanted)
+            told += new
+            if keep is not None:
+                with keep.open("a", encoding="utf-8") as file:
+                    file.writelines(one.as_json() + "\n" for one in new)
+    asked = [one for one in told if one.seed in seeds and one.fault in {fault.name for fault in faults}]
+    for line in twin_table(asked, [fault.name for fault in faults]):
+        print(line)
+    names = {one.fault for one in asked}
+    shares = [np.mean([one.good for one in asked if one.fault == name]) for name in names]
+    return 0 if min(shares) >= SHARE and not any(one.wrong for one in asked) else 1
+
+
+def twin_table(told: Sequence[Told], faults: Sequence[str]) -> list[str]:
+    """A row a fault, and each cell in which another answer came than the right one."""
+    head = ("right", CANNOT_TELL, "wrong", NEVER, "size right", "CPU s")
+    rows = [f"{'mm, mrad':12}{'cells':>6}" + "".join(f"{name:>13}" for name in head)]
+    for name in faults:
+        of = [one for one in told if one.fault == name]
+        sized = [one.sized for one in of if one.sized is not None]
+        counts = (
+            sum(one.good for one in of),
+            sum(one.named == CANNOT_TELL for one in of),
+            sum(one.wrong for one in of),
+            sum(one.named == NEVER for one in of),
+            f"{sum(sized)} of {len(sized)}" if sized else "-",
+            f"{np.mean([one.seconds for one in of]):.1f}" if of else "-",
+        )
+        rows.append(f"{name:12}{len(of):6}" + "".join(f"{count:>13}" for count in counts))
+    for one in told:
+        if not one.good:
+            likely = ", ".join(f"{part} {100 * p:.1f} %" for part, p in one.probable.items() if p >= 5e-4)
+            rows.append(f"  cell {one.seed}, {one.fault}: {one.named}, not {one.right}; {one.why or likely}")
+    return rows
 
 
 if __name__ == "__main__":
