@@ -6,54 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.poses import exp_xi, from_pose6, log_xi, to_pose6
-from daemon.config import CellConfig, load_config
+from cell.poses import from_pose6, log_xi
+from daemon.config import load_config
 from fakes.object import run_virtual
-from fakes.world.scenario import Scenario
+from tests.kit.check_cell import CHECK, check_cell, config, erring_scenario, give_hand_eye
 from tests.kit.ideal_world import ideal_text
-from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, write_config
+from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
-CHECK = "eye-to-hand-check"
 MAHALANOBIS_LIMIT = 22.5  # 99.9 % of a chi-squared with 6 degrees of freedom
-
-
-def given_place(off_m: float = 0.0) -> list[float]:
-    """C, the flange in the board, of the scenario's first placement; ``off_m`` along its x."""
-    placement = Scenario.load("hand_eye_to_hand:ideal").world.placement[0].T_flange_target
-    C = from_pose6(placement).inv() * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return [float(v) for v in to_pose6(C)]
-
-
-def config(
-    folder: Path, *, off_m: float = 0.0, scenario: str = "hand_eye_to_hand:ideal", **job: Any
-) -> CellConfig:
-    section = {
-        "target": "board",
-        "T_marker_flange": given_place(off_m),
-        "start_pose": "home",
-        "poses": 20,
-        "min_poses": 12,
-        "frames_per_pose": 2,
-        "settle_s": 0.1,
-        "nearest_m": 0.4,
-        "farthest_m": 0.7,
-        **job,
-    }
-    return write_config(folder, scenario, jobs={CHECK: section})
-
-
-def give_hand_eye(cell: ObjectCell, off_m: float = 0.0, lens: bool = False) -> None:
-    """An earlier calibration of the camera: the twin's own pose, ``off_m`` off, and its lens on request."""
-    true = from_pose6(cell.plant.world.truth()["T_base_camera"])
-    T = [float(v) for v in to_pose6(true * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0]))]
-    nominal = cell.config.robot.T_base_camera_nominal
-    drawn = None if nominal is None else list(nominal)
-    found = {"result": {"lens": cell.plant.world.truth()["camera"]}} if lens else {}
-    entry = on_disk(cell.ledger.propose, "T_base_camera", T, found, 0, drawn)
-    on_disk(cell.ledger.accept, entry, "test")
 
 
 def off_in_sigmas_squared(cell: ObjectCell, result: dict[str, Any]) -> float:
@@ -64,8 +27,7 @@ def off_in_sigmas_squared(cell: ObjectCell, result: dict[str, Any]) -> float:
 
 def test_a_good_hand_eye_passes_and_the_standard_is_right_within_its_uncertainty(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path)) as cell:
             end = await cell.run_job()
             result = cell.result(1)
             assert end["outcome"] == "complete", end
@@ -97,8 +59,7 @@ def test_a_hand_eye_is_judged_with_the_lens_that_was_found_with_it(tmp_path: Pat
 
 def test_a_camera_that_was_moved_is_blamed_and_a_new_pose_is_offered(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, propose="camera"), job=CHECK) as cell:
-            give_hand_eye(cell, off_m=0.004)
+        async with check_cell(config(tmp_path, propose="camera"), off_m=0.004) as cell:
             await cell.run_job()
             found = cell.result(1)
             assert found["result"]["blamed"] == "X"
@@ -110,8 +71,7 @@ def test_a_camera_that_was_moved_is_blamed_and_a_new_pose_is_offered(tmp_path: P
 
 def test_the_constant_that_corrects_targets_is_offered_as_the_hand_eye(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, propose="constant"), job=CHECK) as cell:
-            give_hand_eye(cell, off_m=0.0008)
+        async with check_cell(config(tmp_path, propose="constant"), off_m=0.0008) as cell:
             await cell.run_job()
             correction = cell.result(1)["result"]["correction"]
             assert correction["chosen"] == "constant"
@@ -126,8 +86,7 @@ def test_the_constant_that_corrects_targets_is_offered_as_the_hand_eye(tmp_path:
 
 def test_no_constant_is_offered_where_none_is_better(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, propose="constant"), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, propose="constant")) as cell:
             await cell.run_job()
             assert cell.result(1)["result"]["correction"]["chosen"] == "none"
             assert cell.ledger.waiting_results() == []
@@ -137,22 +96,11 @@ def test_no_constant_is_offered_where_none_is_better(tmp_path: Path) -> None:
 
 def test_a_target_that_is_not_where_the_drawing_has_it_is_blamed(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, off_m=0.004), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, off_m=0.004)) as cell:
             await cell.run_job()
             assert cell.result(1)["result"]["blamed"] == "C"
 
     run_virtual(main())
-
-
-def erring_scenario(folder: Path) -> str:
-    """The same cell with an arm that is about 2 mm off its drawing."""
-    text = ideal_text("hand_eye_to_hand")
-    error = Scenario.load("tracker:ideal").world.arm.error.model_dump()
-    rows = "\n".join(f"{key} = {list(row)}" for key, row in error.items())
-    path = folder / "scenario.toml"
-    path.write_text(text.replace("[world.tool]", f"[world.arm.error]\n{rows}\n\n[world.tool]", 1), "utf-8")
-    return str(path)
 
 
 def test_accepted_kinematics_correct_the_daemons_own_moves_and_the_camera_sees_it(tmp_path: Path) -> None:

@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.poses import exp_xi, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import run_virtual
-from fakes.world.scenario import Scenario
-from fakes.world.world import World
 from procedures.documents import read_result
 from procedures.eye_to_hand.report.layout import driven_section
 from procedures.eye_to_hand.result import AxbcResult
@@ -18,45 +15,22 @@ from procedures.eye_to_hand.truth import judge_standard
 from procedures.eye_to_hand.words import axbc_lines
 from procedures.report.source import Source
 from tests.chaos.matrix import inject_at, kind
-from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
+from tests.kit.check_cell import (
+    AWAY,
+    BEHIND,
+    STEPS,
+    check_cell,
+    config,
+    driven_run,
+    erring_scenario,
+    once,
+    wanted,
+)
+from tests.kit.object_cell import WHO, no_report
 from tests.kit.solved import solve_axbc
-from tests.unit.procedures.test_eye_to_hand_check import CHECK, config, erring_scenario, give_hand_eye
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
-
-STEPS = ([0.03, 0.02, 0.02], [-0.04, 0.03, 0.05], [0.03, -0.04, 0.04], [-0.03, -0.03, -0.02])  # m
-AWAY = [0.0, 0.0, 3.0]  # m along the camera's axis: no arm is so long
-DRIVING = "Confirm to drive there"  # ends the question before the targets
-BEHIND = [0.0, 0.0, -2.0]
-
-
-def wanted(*steps: list[float]) -> list[list[float]]:
-    """The flange in the camera with the arm at home, moved by ``steps`` (m) along the camera's axes."""
-    scenario = Scenario.load("hand_eye_to_hand:ideal")
-    world = World.from_scenario(scenario)
-    home = np.array(scenario.cell.poses["home"], dtype=float)
-    at = from_pose6(world.truth()["T_base_camera"]).inv() * world.believed.forward(home)
-    return [to_pose6(exp_xi([*step, 0.0, 0.0, 0.0]) * at).tolist() for step in steps]
-
-
-async def driven_run(cell: ObjectCell, answer: str = "confirm") -> tuple[int, str]:
-    """The run, and what was asked before the targets; ``answer`` is a call of the engine."""
-    run_id = await cell.start(placed=False)
-    asked = ""
-    while cell.engine.active:
-        run = cell.engine.run
-        if run is not None and run.prompt is not None:
-            number, text = run.prompt
-            if DRIVING in text:
-                asked = text
-                assert cell.at_rest()
-            if asked and answer in ("finish", "abort"):
-                await getattr(cell.engine, answer)(WHO)
-            else:
-                await getattr(cell.engine, answer if asked else "confirm")(number, WHO)
-        await cell.clock.sleep(0.05)
-    return run_id, asked
 
 
 def erring(tmp_path: Path, targets: list[list[float]]) -> CellConfig:
@@ -65,8 +39,7 @@ def erring(tmp_path: Path, targets: list[list[float]]) -> CellConfig:
 
 def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(erring(tmp_path, wanted(*STEPS)), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(erring(tmp_path, wanted(*STEPS))) as cell:
             run_id, asked = await driven_run(cell)
             end, result = cell.end(run_id), cell.result(run_id)
             assert end["outcome"] == "complete", end
@@ -108,8 +81,7 @@ def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_pat
 
 def test_a_constant_is_driven_and_a_correction_that_is_not_nearer_is_warned_of(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:3])), job=CHECK) as cell:
-            give_hand_eye(cell, off_m=0.0008)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:3])), off_m=0.0008) as cell:
             run_id, asked = await driven_run(cell)
             assert "as given and corrected by a constant" in asked
             assert cell.result(run_id)["result"]["driven"]["better"] is True
@@ -128,8 +100,7 @@ def test_a_constant_is_driven_and_a_correction_that_is_not_nearer_is_warned_of(t
 
 def test_where_no_correction_is_better_only_the_given_ones_are_driven_to(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
             run_id, asked = await driven_run(cell)
             assert "2 moves to targets, as given only, since no correction is surely better" in asked
             driven = cell.result(run_id)["result"]["driven"]
@@ -143,8 +114,7 @@ def test_where_no_correction_is_better_only_the_given_ones_are_driven_to(tmp_pat
 
 def test_targets_out_of_reach_and_out_of_sight_are_named_and_the_others_driven_to(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(erring(tmp_path, wanted(AWAY, STEPS[0], BEHIND)), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(erring(tmp_path, wanted(AWAY, STEPS[0], BEHIND))) as cell:
             run_id, asked = await driven_run(cell)
             assert "2 moves to targets" in asked
             listed, _, left_out = asked.partition("; left out: ")
@@ -169,8 +139,7 @@ def test_targets_out_of_reach_and_out_of_sight_are_named_and_the_others_driven_t
 )
 def test_targets_that_were_not_wanted_are_not_driven_to(answer: str, said: str, tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
             run_id, asked = await driven_run(cell, answer)
             assert " 1 move to targets, as given only" in asked
             assert cell.end(run_id)["outcome"] == "complete"
@@ -184,18 +153,8 @@ def test_targets_that_were_not_wanted_are_not_driven_to(answer: str, said: str, 
 
 def test_a_run_that_is_finished_on_its_way_keeps_what_was_seen(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:3])), job=CHECK) as cell:
-            give_hand_eye(cell)
-            run_id = await cell.start(placed=False)
-            finished = False
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                if not finished and cell.notes(run_id, "target seen"):
-                    await cell.engine.finish(WHO)
-                    finished = True
-                await cell.clock.sleep(0.05)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:3]))) as cell:
+            run_id, _ = await driven_run(cell, meanwhile=once(cell, cell.engine.finish, seen=1))
             assert cell.end(run_id)["outcome"] == "complete"
             driven = cell.result(run_id)["result"]["driven"]
             seen = [t["number"] for t in driven["targets"] if t["before"]]
@@ -213,8 +172,7 @@ def test_a_run_that_is_finished_on_its_way_keeps_what_was_seen(tmp_path: Path) -
 
 def test_an_abort_at_the_targets_ends_the_run(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
             run_id, _ = await driven_run(cell, "abort")
             assert cell.end(run_id)["outcome"] == "stopped"
             assert cell.at_rest()
@@ -224,22 +182,18 @@ def test_an_abort_at_the_targets_ends_the_run(tmp_path: Path) -> None:
 
 def test_a_held_run_waits_on_its_way_to_the_targets(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
             rested: list[bool] = []
-            run_id = await cell.start(placed=False)
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    targets = DRIVING in run.prompt[1]
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                    if targets:
-                        cell.engine.hold(WHO)
-                        await cell.clock.sleep(30.0)
-                        rested.append(cell.at_rest() and cell.engine.active)
-                        assert len(cell.notes(run_id, "target seen")) < 2
-                        await cell.engine.resume(WHO)
-                await cell.clock.sleep(0.05)
+
+            async def hold(run_id: int) -> None:
+                if not rested and cell.notes(run_id, "targets") and cell.state == "move":
+                    cell.engine.hold(WHO)
+                    await cell.clock.sleep(30.0)
+                    rested.append(cell.at_rest() and cell.engine.active)
+                    assert len(cell.notes(run_id, "target seen")) < 2
+                    await cell.engine.resume(WHO)
+
+            run_id, _ = await driven_run(cell, meanwhile=hold)
             assert rested == [True]
             assert len(cell.notes(run_id, "target seen")) == 2
 
@@ -248,17 +202,13 @@ def test_a_held_run_waits_on_its_way_to_the_targets(tmp_path: Path) -> None:
 
 def test_a_move_to_a_target_is_taken_again_after_a_short_silence(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
             silent = kind("arm", "silence", "", set(), duration_s=1.5)
-            run_id = await cell.start(placed=False)
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    if DRIVING in run.prompt[1]:
-                        inject_at(cell, silent, "capture", 0.0)
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                await cell.clock.sleep(0.05)
+
+            async def strike() -> None:
+                inject_at(cell, silent, "capture", 0.0)
+
+            run_id, _ = await driven_run(cell, asked_first=strike)
             assert cell.end(run_id)["outcome"] == "complete", cell.end(run_id)
             assert cell.engine.run is not None
             assert cell.engine.run.steps_taken.taken_again
@@ -271,8 +221,7 @@ def test_a_move_to_a_target_is_taken_again_after_a_short_silence(tmp_path: Path)
 
 def test_without_targets_nothing_is_asked_and_nothing_is_told(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path)) as cell:
             run_id, asked = await driven_run(cell)
             assert asked == ""
             assert "driven" not in cell.result(run_id)["result"]

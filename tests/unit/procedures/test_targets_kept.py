@@ -13,10 +13,9 @@ from cell.poses import Array
 from fakes.object import run_virtual
 from procedures.eye_to_hand.words import axbc_plan_lines
 from tests.chaos.matrix import Kind, inject_at, kind, put_right
-from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
+from tests.kit.check_cell import AWAY, DRIVING, STEPS, check_cell, config, driven_run, once, wanted
+from tests.kit.object_cell import WHO, ObjectCell, no_report
 from tests.kit.solved import solve_axbc
-from tests.unit.procedures.test_eye_to_hand_check import CHECK, config, give_hand_eye
-from tests.unit.procedures.test_targets_driven import AWAY, DRIVING, STEPS, driven_run, wanted
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -53,8 +52,7 @@ def test_the_arm_goes_back_past_an_earlier_target_where_the_straight_way_is_not_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
             home, last = home_of(cell), np.zeros(6)
 
             def from_the_last(q0: Array, q1: Array) -> bool:
@@ -86,8 +84,7 @@ def test_a_target_from_which_no_way_leads_back_is_left_out_before_anything_moves
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
             home = home_of(cell)
 
             def solving_or_later(q0: Array, q1: Array) -> bool:
@@ -110,8 +107,7 @@ def test_a_return_that_is_refused_costs_nothing_and_says_where_the_arm_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
 
             def returning(q0: Array, q1: Array) -> bool:
                 run = cell.engine.run
@@ -142,17 +138,13 @@ def test_a_lease_that_refuses_a_target_for_good_ends_the_driving_and_not_the_run
     """In local mode an arm is lent to nobody: what was found before stands."""
 
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
-            run_id = await cell.start(placed=False)
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    if DRIVING in run.prompt[1]:
-                        cell.plant.plants["arm"].inject("local-mode", {})
-                        await cell.clock.sleep(1.0)
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                await cell.clock.sleep(0.05)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
+
+            async def to_local() -> None:
+                cell.plant.plants["arm"].inject("local-mode", {})
+                await cell.clock.sleep(1.0)
+
+            run_id, _ = await driven_run(cell, asked_first=to_local)
             end, result = cell.end(run_id), cell.result(run_id)
             driven = result["result"]["driven"]
             assert end["outcome"] == "complete", end
@@ -166,8 +158,7 @@ def test_a_lease_that_refuses_a_target_for_good_ends_the_driving_and_not_the_run
 
 def test_a_run_that_took_over_all_poses_goes_back_to_where_they_began(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(*STEPS[:2])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(*STEPS[:2]))) as cell:
             first, _ = await driven_run(cell, "skip")
             assert cell.result(first)["result"]["driven"]["lost"]
             second = await cell.start(placed=False, adopt=first)
@@ -184,8 +175,7 @@ def test_a_run_that_took_over_all_poses_goes_back_to_where_they_began(tmp_path: 
 
 def test_the_verdict_is_told_before_the_arm_is_driven(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell, off_m=0.004)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0])), off_m=0.004) as cell:
             _, asked = await driven_run(cell, "skip")
             verdict, _, moves = asked.partition("moves to targets")
             assert verdict.startswith("The check FAILED (max_error_t_m: the given hand-eye is off by ")
@@ -198,8 +188,7 @@ def test_the_verdict_is_told_before_the_arm_is_driven(tmp_path: Path) -> None:
 
 def test_a_dry_run_lists_the_targets_with_joints_or_what_keeps_the_arm_from_them(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0], AWAY)), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0], AWAY))) as cell:
             plan = (await cell.dry_run())["plan"]
             near, away = plan["targets"]
             assert (near["number"], away["number"]) == (1, 2)
@@ -219,8 +208,7 @@ def test_a_dry_run_lists_the_targets_with_joints_or_what_keeps_the_arm_from_them
 
 def test_without_targets_a_dry_run_lists_none(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path)) as cell:
             plan = (await cell.dry_run())["plan"]
             assert "targets" not in plan
             assert "targets" not in "\n".join(axbc_plan_lines(plan))
@@ -230,17 +218,8 @@ def test_without_targets_a_dry_run_lists_none(tmp_path: Path) -> None:
 
 def test_a_run_that_is_finished_among_its_poses_asks_the_arm_for_nothing_more(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
-            run_id, finished = await cell.start(placed=False), False
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                if not finished and len(cell.notes(run_id, "pose taken")) == 14:
-                    await cell.engine.finish(WHO)
-                    finished = True
-                await cell.clock.sleep(0.05)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
+            run_id, _ = await driven_run(cell, meanwhile=once(cell, cell.engine.finish, taken=14))
             assert cell.end(run_id)["outcome"] == "complete", cell.end(run_id)
             assert cell.result(run_id)["result"]["driven"]["lost"] == [
                 "target 1 as given: the run was finished early"
@@ -262,19 +241,11 @@ def test_a_run_that_ends_among_its_targets_keeps_the_check_and_what_was_seen(
 ) -> None:
     async def main() -> None:
         made = config(tmp_path, targets=wanted(*STEPS[:3]), propose="camera", accept={"auto": True})
-        async with open_cell(made, job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(made) as cell:
             if fault is not None:
                 inject_at(cell, fault, "move", 0.05, lambda run: bool(cell.notes(run.id, "target seen")))
-            run_id = await cell.start(placed=False)
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                if fault is None and cell.notes(run_id, "target seen"):
-                    await cell.engine.abort(WHO)
-                    await cell.until(lambda: not cell.engine.active, "the end")
-                await cell.clock.sleep(0.05)
+            abort = None if fault is not None else once(cell, cell.engine.abort, seen=1)
+            run_id, _ = await driven_run(cell, meanwhile=abort)
             end, result = cell.end(run_id), cell.result(run_id)
             assert end["outcome"] == ("stopped" if fault is None else "aborted"), end
             answer = result["result"]
@@ -298,8 +269,7 @@ def test_a_run_that_ends_among_its_targets_says_why_others_were_left_out_or_lost
 ) -> None:
     async def main() -> None:
         made = config(tmp_path, poses=14, targets=wanted(AWAY, *STEPS[:2]))
-        async with open_cell(made, job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(made) as cell:
 
             def moving(q0: Array, q1: Array) -> bool:
                 run = cell.engine.run
@@ -337,8 +307,7 @@ def test_an_answer_that_cannot_be_solved_again_falls_back_to_the_one_before(
         raise failure
 
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
             monkeypatch.setattr("daemon.results.solve_again", broken)
             run_id, _ = await driven_run(cell, "abort")
             end, result = cell.end(run_id), cell.result(run_id)
@@ -358,17 +327,8 @@ def test_an_answer_that_cannot_be_solved_again_falls_back_to_the_one_before(
 
 def test_a_run_that_ends_among_its_poses_has_no_answer(tmp_path: Path) -> None:
     async def main() -> None:
-        async with open_cell(config(tmp_path, targets=wanted(STEPS[0])), job=CHECK) as cell:
-            give_hand_eye(cell)
-            run_id = await cell.start(placed=False)
-            while cell.engine.active:
-                run = cell.engine.run
-                if run is not None and run.prompt is not None:
-                    await cell.engine.confirm(run.prompt[0], WHO)
-                if len(cell.notes(run_id, "pose taken")) == 14:
-                    await cell.engine.abort(WHO)
-                    await cell.until(lambda: not cell.engine.active, "the end")
-                await cell.clock.sleep(0.05)
+        async with check_cell(config(tmp_path, targets=wanted(STEPS[0]))) as cell:
+            run_id, _ = await driven_run(cell, meanwhile=once(cell, cell.engine.abort, taken=14))
             assert cell.folder(run_id).read_result() is None
 
     run_virtual(main())

@@ -13,10 +13,9 @@ from cell.poses import Array
 from cell.procedure import Run
 from fakes.object import run_virtual
 from tests.chaos.matrix import inject_at, kind, put_right
-from tests.kit.object_cell import ObjectCell, no_report, open_cell
+from tests.kit.check_cell import STEPS, check_cell, config, driven_run, wanted
+from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.solved import solve_axbc
-from tests.unit.procedures.test_eye_to_hand_check import CHECK, config, give_hand_eye
-from tests.unit.procedures.test_targets_driven import STEPS, driven_run, wanted
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -49,8 +48,7 @@ def test_an_arm_that_is_taken_on_its_way_ends_the_run_by_the_name_of_that(
 ) -> None:
     async def main() -> None:
         targets = wanted(*STEPS[: BACK_FROM[state]])
-        async with open_cell(config(tmp_path, poses=14, targets=targets), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, poses=14, targets=targets)) as cell:
             struck = inject_at(cell, kind("arm", fault, name, set()), state, 0.05, among_targets(cell, state))
             run_id, _ = await driven_run(cell)
             assert struck == [state]
@@ -66,8 +64,7 @@ def test_an_arm_that_is_taken_on_its_way_ends_the_run_by_the_name_of_that(
 def test_a_program_that_begins_in_a_silence_at_a_target_ends_the_run_by_its_own_name(tmp_path: Path) -> None:
     async def main() -> None:
         targets = wanted(*STEPS[:2])
-        async with open_cell(config(tmp_path, poses=14, targets=targets), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, poses=14, targets=targets)) as cell:
             loop, at_second = asyncio.get_running_loop(), among_targets(cell, "capture")
 
             def here(run: Run) -> bool:
@@ -91,8 +88,7 @@ def test_an_arm_that_cannot_go_on_between_two_targets_is_told_to_stand_there(
 ) -> None:
     async def main() -> None:
         targets = wanted(*STEPS[:2])
-        async with open_cell(config(tmp_path, poses=14, targets=targets), job=CHECK) as cell:
-            give_hand_eye(cell)
+        async with check_cell(config(tmp_path, poses=14, targets=targets)) as cell:
             genuine = MotionGuard.check_path_joints
 
             def check(self: MotionGuard, q0: Array, q1: Array) -> None:
