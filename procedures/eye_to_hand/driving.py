@@ -22,10 +22,12 @@ from cell.where_left import STAYED_RAD
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.targets import (
+    Refusals,
     TargetMove,
     TargetView,
     commands_as_given,
     near_joints,
+    no_return,
     off_in_view,
     plan_moves,
     way_back,
@@ -45,6 +47,13 @@ NEXT_STEP = "look whether its way from there is free before the next job, else j
 
 
 @dataclass(frozen=True)
+class _Refused:
+    """Why the guard keeps the arm from a target from where it stands."""
+
+    why: str
+
+
+@dataclass(frozen=True)
 class _Place:
     """Where the arm stood on its way, in words and by joints (6,) rad."""
 
@@ -59,6 +68,7 @@ class TargetDrive(CaptureRun):
     given: list[float]  # T_base_camera
     _stood: list[_Place]  # on the way to the targets
     _bound_for: str  # by the last move that began; empty where none did
+    _refused: Refusals  # targets that were put off
 
     async def ask_for_commands(self) -> Path:
         """The file of targets to solve with: each with joints that pick the branch of the arm."""
@@ -127,14 +137,14 @@ class TargetDrive(CaptureRun):
         if self.run.wants_finish:  # the arm is not asked for anything any more
             driven["lost"] += _unseen(wanted, FINISHED)
             return driven
-        await _keep_now(keep, driven, wanted)
+        self._stood, self._bound_for, self._refused = [], "", Refusals()
+        await self._keep_now(keep, driven, wanted)
         await self.run.enter(S.PLAN, "targets")
         home, moves = await self._planned(commands, camera)
         self.run.note("decision", event="targets", way=way, moves=[asdict(m) for m in moves])
         driven["lost"] += [f"{move_text(m.target, m.how)}: {m.why}" for m in moves if m.why]
         left = [m for m in moves if not m.why]
-        await _keep_now(keep, driven, left)  # with what the plan leaves out
-        self._stood, self._bound_for = [], ""
+        await self._keep_now(keep, driven, left)  # with what the plan leaves out
         why = FINISHED
         try:
             asked = moves_text(found, driven, [(m.target, m.how) for m in left])
@@ -144,8 +154,12 @@ class TargetDrive(CaptureRun):
                 why = "skipped by the operator"
         except FinishRequested:
             self._tell_place(driven, FINISHED)
-        driven["lost"] += _unseen(left, why)
+        driven["lost"] += _unseen(left, why, self._refused)
         return driven
+
+    async def _keep_now(self, keep: Keep, driven: Mapping[str, Any], left: Sequence[TargetMove]) -> None:
+        """Should the run end now, the moves ``left`` are lost."""
+        await keep({**driven, "lost": [*driven["lost"], *_unseen(left, ENDED, self._refused)]})
 
     def _home(self, q_now: Sequence[float]) -> list[float]:
         """Where the capture began, (6,) rad: of this run, of the one that was taken over, or where the arm
@@ -178,33 +192,48 @@ class TargetDrive(CaptureRun):
     ) -> str:
         """Visit the moves ``left``, taking each out of it once it is done or lost; then return ``home``.
 
+        One that is refused from where the arm stands is put off, and tried again from each place that it
+        comes to, until none of those that were put off can be reached.
         Why those that are still left were not visited: the lease was refused.
         """
         run, first, moves = self.run, self.record.next_index(), len(left)
         self._stood = [_Place(BEFORE, await self._joints())]
+        here: list[TargetMove] = []  # refused from where the arm stands now
         async with AsyncExitStack() as stack:
             try:
                 lease = await stack.enter_async_context(run.motion())
             except RefusedError as refused:  # the arm never left, and what was found before stands
                 run.note("decision", event="arm not lent", why=str(refused))
                 return str(refused)
-            while left:
-                move, number = left[0], moves - len(left)
+            while (move := next((m for m in left if m not in here), None)) is not None:
+                number = moves - len(left)
                 run.progress(number, moves)
                 seen = await run.take_step(
-                    move_text(move.target, move.how), partial(self._see, lease, move, first + number)
+                    move_text(move.target, move.how),
+                    partial(self._see, lease, move, first + number, home),
                 )
-                del left[0]
                 about = {"target": move.target + 1, "how": move.how}
+                if isinstance(seen, _Refused):
+                    here.append(move)
+                    self._refused.add(move, seen.why)
+                    run.note("decision", event="target put off", why=seen.why, **about)
+                    await self._keep_now(keep, driven, left)
+                    continue
+                here.clear()
+                left.remove(move)
                 if isinstance(seen, str):
-                    driven["lost"].append(f"{move_text(move.target, move.how)}: {seen}")
-                    run.note("decision", event="target lost", why=seen, **about)
-                    await _keep_now(keep, driven, left)
+                    self._lose(driven, move, seen)
+                    await self._keep_now(keep, driven, left)
                     continue
                 driven["arrivals"].append({"target": move.target, "how": move.how, "seen": seen})
-                await _keep_now(keep, driven, left)
+                await self._keep_now(keep, driven, left)
                 off_m = await self._show(move, seen, camera)
                 run.note("decision", event="target seen", off_m=off_m, **about)
+            if left:
+                for move in left:
+                    self._lose(driven, move, self._refused.why(move))
+                left.clear()
+                await self._keep_now(keep, driven, left)
             run.progress(moves, moves)
             await run.enter(S.RETURN)
             refusal = await self._return(lease, home)
@@ -213,6 +242,11 @@ class TargetDrive(CaptureRun):
         if refusal is not None:
             self._tell_place(driven, str(refusal))
         return ""
+
+    def _lose(self, driven: dict[str, Any], move: TargetMove, why: str) -> None:
+        driven["lost"].append(f"{move_text(move.target, move.how)}: {why}")
+        about = {"target": move.target + 1, "how": move.how}
+        self.run.note("decision", event="target lost", why=why, **about)
 
     async def _return(self, lease: MotionLease, home: list[float]) -> RefusedError | None:
         """Back ``home`` on a way that was checked; what keeps the arm from it where there is none."""
@@ -259,12 +293,19 @@ class TargetDrive(CaptureRun):
         rows.add(move.target + 1, float(move.how == "corrected"), off_m)
         return off_m
 
-    async def _see(self, lease: MotionLease, move: TargetMove, index: int) -> dict[str, Any] | str:
+    async def _see(
+        self, lease: MotionLease, move: TargetMove, index: int, home: Sequence[float]
+    ) -> dict[str, Any] | _Refused | str:
         """What the camera saw with the arm at rest there, or why it could not be had."""
         place = _Place(move_text(move.target, move.how), move.q)
         await self.run.enter(S.MOVE, place.name, target=move.target + 1)
+        if self._refused:  # the order is no longer the one that was planned
+            stood = [at.q for at in self._stood]
+            why = await self.run.worker.call(no_return, self.run.values, stood, move.q, home)
+            if why is not None:
+                return _Refused(why)
         if (refusal := await self._move(lease, place)) is not None:
-            return str(refusal)
+            return _Refused(str(refusal))
         self._stood.append(place)
         taken = await self._take_pose(0, index, index)
         if taken is None:
@@ -284,11 +325,8 @@ def _commands(
     return out
 
 
-async def _keep_now(keep: Keep, driven: Mapping[str, Any], left: Sequence[TargetMove]) -> None:
-    """Should the run end now, the moves ``left`` are lost."""
-    await keep({**driven, "lost": [*driven["lost"], *_unseen(left, ENDED)]})
-
-
-def _unseen(moves: Sequence[TargetMove], why: str) -> list[str]:
-    """What was not measured, in words."""
-    return [f"{move_text(m.target, m.how)}: {why}" for m in moves]
+def _unseen(moves: Sequence[TargetMove], why: str, refused: Refusals | None = None) -> list[str]:
+    """What was not measured, in words; of those that were ``refused`` that is why."""
+    return [
+        f"{move_text(m.target, m.how)}: {refused.why(m) if refused and m in refused else why}" for m in moves
+    ]

@@ -1,20 +1,20 @@
 """The ways to targets that a fixed camera wants, for the worker process: plain values in, moves out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.planning import ConeRequest
+from calibration.planning.planner import Checker, judged_once
 from calibration.planning.view import view_faults
 from calibration.targets import make_target
 from cell.arm_model import ArmModel
 from cell.devices import Intrinsics
 from cell.errors import RefusedError, error
 from cell.formats.axbc import How
-from cell.guard import MotionGuard
 from cell.poses import Array, from_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
@@ -32,6 +32,30 @@ class TargetMove:
     q: list[float] = field(default_factory=list)
     why: str = ""
     checks: Mapping[str, Any] = field(default_factory=dict)  # margins there
+
+
+class Refusals:
+    """What kept the arm from targets, at each place where it was tried."""
+
+    def __init__(self) -> None:
+        self._by: dict[tuple[int, How], list[str]] = {}
+
+    def __contains__(self, move: TargetMove) -> bool:
+        return (move.target, move.how) in self._by
+
+    def __len__(self) -> int:
+        return len(self._by)
+
+    def add(self, move: TargetMove, why: str) -> None:
+        self._by.setdefault((move.target, move.how), []).append(why)
+
+    def why(self, move: TargetMove) -> str:
+        """As it was refused first, and from how many more places it was tried."""
+        first, *more = self._by[move.target, move.how]
+        if not more:
+            return first
+        places = f"{len(more)} other place{'s' if len(more) > 1 else ''}"
+        return f"{first}; tried from {places} as well"
 
 
 @dataclass(frozen=True)
@@ -99,47 +123,77 @@ def plan_moves(
     q_now: Sequence[float],
     home: Sequence[float],
 ) -> list[TargetMove]:
-    """``commands`` (target, how, T_base_flange) in their order, each way checked as the lease checks it, and
-    so is the way from there back ``home``."""
+    """``commands`` (target, how, T_base_flange) in the order of the visits, then those that are left out;
+    each way is checked as the lease checks it, and so is the way from there back ``home``.
+
+    One that has no way from where the arm stands waits: it is tried again from each place that the arm comes
+    to, before the next one, until none of those that wait has a way.
+    """
     guard, _, _ = lease_settings(values)
-    out: list[TargetMove] = []
-    stood = [np.array(q_now, dtype=float)]
+    check, end = judged_once(guard.check_path_joints), np.array(home, dtype=float)
+    never, waiting = list[TargetMove](), list[tuple[TargetMove, Array]]()
     for k, how, command in commands:
         why = view.fault(targets[k])
         q = None if why else guard.model.inverse(from_pose6(command), np.array(near[k]))
         if q is None:
-            out.append(TargetMove(k, how, command, why=why or "out of the arm's reach"))
-            continue
-        try:
-            guard.check_path_joints(stood[-1], q)
-        except RefusedError as refusal:
-            out.append(TargetMove(k, how, command, why=str(refusal)))
-            continue
-        try:
-            _steps_back(guard, [*stood, q], np.array(home, dtype=float))
-        except RefusedError as refusal:
-            out.append(TargetMove(k, how, command, why=f"no way back from there: {refusal}"))
-            continue
-        checks = guard.describe(q).as_dict()
-        out.append(TargetMove(k, how, command, [float(v) for v in q], checks=checks))
-        stood.append(q)
-    return out
+            never.append(TargetMove(k, how, command, why=why or "out of the arm's reach"))
+        else:
+            waiting.append((TargetMove(k, how, command, [float(v) for v in q]), q))
+    stood, out = [np.array(q_now, dtype=float)], list[TargetMove]()
+    refused = Refusals()
+    while waiting:
+        for row, (move, q) in enumerate(waiting):
+            if (why := _why_not(check, stood, q, end)) is None:
+                out.append(replace(move, checks=guard.describe(q).as_dict()))
+                stood.append(q)
+                del waiting[row]
+                break
+            refused.add(move, why)
+        else:
+            break
+    never += [replace(move, q=[], why=refused.why(move)) for move, _ in waiting]
+    return out + sorted(never, key=lambda move: commands.index((move.target, move.how, move.command)))
+
+
+def _why_not(check: Checker, stood: Sequence[Array], q: Array, home: Array) -> str | None:
+    """What keeps the arm from ``q``, or from there ``home``; it is on the last place where it ``stood``."""
+    try:
+        check(stood[-1], q)
+    except RefusedError as refusal:
+        return str(refusal)
+    try:
+        _steps_back(check, [*stood, q], home)
+    except RefusedError as refusal:
+        return f"no way back from there: {refusal}"
+    return None
+
+
+def no_return(
+    values: RunValues, stood: Sequence[Sequence[float]], q: Sequence[float], home: Sequence[float]
+) -> str | None:
+    """Why there would be no way back ``home`` from ``q`` with the arm after the places where it ``stood``."""
+    try:
+        way_back(values, [*stood, q], home)
+    except RefusedError as refusal:
+        return f"no way back from there: {refusal}"
+    return None
 
 
 def way_back(values: RunValues, stood: Sequence[Sequence[float]], home: Sequence[float]) -> int:
     """By how many of the poses ``stood`` (n, 6) rad, on the last of which the arm is, it goes back before it
     can go straight ``home``; each way is checked. A ``RefusedError`` says why it cannot get there."""
     guard, _, _ = lease_settings(values)
-    return _steps_back(guard, [np.array(q, dtype=float) for q in stood], np.array(home, dtype=float))
+    places, end = [np.array(q, dtype=float) for q in stood], np.array(home, dtype=float)
+    return _steps_back(guard.check_path_joints, places, end)
 
 
-def _steps_back(guard: MotionGuard, stood: Sequence[Array], home: Array) -> int:
+def _steps_back(check: Checker, stood: Sequence[Array], home: Array) -> int:
     first: RefusedError | None = None
     for steps, at in enumerate(reversed(stood)):
         if steps:
-            guard.check_path_joints(stood[-steps], at)
+            check(stood[-steps], at)
         try:
-            guard.check_path_joints(at, home)
+            check(at, home)
         except RefusedError as refusal:
             first = first or refusal
             continue

@@ -117,6 +117,9 @@ def moves_text(found: AxbcResult, driven: Mapping[str, Any], moves: Sequence[tup
     if shifts:
         by += f", which moves them by up to {mm(max(shifts))}"
     left = f"; left out: {'; '.join(driven['lost'])}" if driven["lost"] else ""
+    order = ", ".join(move_text(target, how) for target, how in moves)
+    if list(moves) != sorted(moves, key=lambda move: (move[0], move[1] != "given")):
+        left = f"; since not each way is free, in this order: {order}{left}"
     return (
         f"{check_text(found)}. {len(moves)} {'move' if len(moves) == 1 else 'moves'} to targets, {by}: "
         f"{'; '.join(told)}{left}. Confirm to drive there and see what is off, or skip this"
@@ -175,8 +178,8 @@ def axbc_plan_lines(plan: Mapping[str, Any]) -> list[str]:
         if not t["why"]
     ]
     lines.append(
-        f"{len(rows)} of {len(targets)} targets are driven to after the answer, as given and corrected; "
-        "as given:"
+        f"{len(rows)} of {len(targets)} targets are driven to after the answer, as given and corrected, in "
+        "this order; as given:"
     )
     if rows:
         lines.append(table(TARGETS_HEADER, rows))
