@@ -144,6 +144,10 @@ class Procedure(ABC):
         """What a job that ended well proposes; not asked when the verdict is ``fail``."""
         return None
 
+    def pictures(self) -> tuple[str, int]:
+        """A camera's role, and how many pictures of it a run keeps that takes each at the first attempt."""
+        return "", 0
+
     @abstractmethod
     async def run(self, run: "Run") -> None:
         """Do the job; return normally only when it is finished."""

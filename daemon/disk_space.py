@@ -9,7 +9,8 @@ from typing import Any
 
 from cell.clock import Clock
 from daemon.config import CellConfig
-from procedures.hand_eye.config import ConeCaptureConfig
+from daemon.job_config import make_procedure
+from procedures.registry import JOBS
 
 log = logging.getLogger("cellward.health")
 
@@ -25,17 +26,18 @@ def free_bytes(folder: Path) -> int:
 
 
 def capture_bytes(config: CellConfig) -> int:
-    """What a cone-capture writes that takes every pose at the first attempt; 0 without that job.
+    """What the configured run with most pictures writes that takes each at the first attempt; 0 without any.
 
-    No other job writes pictures: their runs are some megabytes.
+    All else that jobs write are some megabytes.
     """
-    if not (section := config.job_section("cone-capture")):
-        return 0
-    job = ConeCaptureConfig.model_validate(section)
-    device = config.robot.roles().get("flange_camera" if job.setup == "eye-in-hand" else "fixed_camera")
-    camera = config.device.get(device or "")
+    jobs = (make_procedure(JOBS[job], config, {}) for job in config.job if job in JOBS)
+    return max((_bytes(config, *job.pictures()) for job in jobs), default=0)
+
+
+def _bytes(config: CellConfig, role: str, pictures: int) -> int:
+    camera = config.device.get(config.robot.roles().get(role, ""))
     pixels = getattr(camera, "width", 1280) * getattr(camera, "height", 800)
-    return round(job.placements * job.poses_per_placement * job.frames_per_pose * pixels * PIXEL_BYTES)
+    return round(pictures * pixels * PIXEL_BYTES)
 
 
 def low_limit(config: CellConfig) -> int:

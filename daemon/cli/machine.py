@@ -34,7 +34,7 @@ class MachineFigure:
 
 def machine(state_dir: Path, capture: int = 0) -> list[dict[str, Any]]:
     """Every figure, about three seconds; ``state_dir`` is where the runs will be written, ``capture`` what
-    one hand-eye capture writes, bytes (0: the cell has none)."""
+    one capture of pictures writes, bytes (0: the cell has none)."""
     found = [_cores(), _priorities(), *_lags(), *_disk(state_dir, capture), *_settings()]
     return [asdict(one) for one in found]
 
@@ -116,7 +116,7 @@ def _disk(state_dir: Path, capture: int = 0) -> list[MachineFigure]:
         "bytes",
         free >= MIN_FREE_BYTES,
         f"{folder}: {free / 1e9:.0f} GB are free"
-        + (f", {free // capture} hand-eye captures of {capture / 1e6:.0f} MB" if capture else ""),
+        + (f", {free // capture} captures of {capture / 1e6:.0f} MB" if capture else ""),
     )
     try:
         slowest = max(_fsync(folder) for _ in range(20))

@@ -59,6 +59,10 @@ class EyeToHandCheck(Procedure):
     def check(self, values: RunValues) -> None:
         check_names(self.config.target, self.config.start_pose, values)
 
+    def pictures(self) -> tuple[str, int]:
+        arrivals = self.config.poses + 2 * len(self.config.targets)  # each target as given and corrected
+        return CAMERA, arrivals * self.config.frames_per_pose
+
     def proposal(self, run: Run) -> Proposal | None:
         if not isinstance(run.result, AxbcResult) or self.config.propose == "none":
             return None

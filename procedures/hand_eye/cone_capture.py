@@ -41,6 +41,9 @@ class ConeCapture(Procedure):
         check_names(self.config.target, self.config.start_pose, values)
         check_pose("accept.task_pose", self.config.accept.task_pose, values)
 
+    def pictures(self) -> tuple[str, int]:
+        return self._camera_role, self.config.pictures()
+
     def proposal(self, run: Run) -> Proposal | None:
         pose = run.result.result.pose() if isinstance(run.result, HandEyeResult) else None
         return None if pose is None else Proposal(*pose, self.config.accept.auto)

@@ -137,6 +137,10 @@ class ConeCaptureConfig(Strict):
         default_factory=lambda: Acceptance(), description="95 % limits of the result and who accepts it"
     )
 
+    def pictures(self) -> int:
+        """Frames of a run that takes every pose at the first attempt."""
+        return self.placements * self.poses_per_placement * self.frames_per_pose
+
     def sigma_of_camera(self) -> dict[str, float] | None:
         """``camera.sigma`` of the data set."""
         return None if self.camera_sigma is None else self.camera_sigma.model_dump(exclude_none=True)
