@@ -167,6 +167,10 @@ class Envelope(Part):
         """What a list of runs shows of it; None for a kind that has no such figure."""
         return None
 
+    def exported(self) -> tuple[str, Any] | None:
+        """Name and value of the calibration that it holds, for other programs; None: it holds none."""
+        return None
+
     def judged(self, reasons: Sequence[str], warnings: Sequence[Warning_] = ()) -> Self:
         """With more findings: any of the ``reasons``, which stand first, fails it; warnings make a pass a
         warn."""

@@ -11,17 +11,15 @@ import numpy as np
 from calibration.kinematics.ur_models import UR_MODELS
 from cell.errors import error
 from cell.formats.reading import read_json
+from cell.formats.result import Envelope, Result
 from cell.store.runs import altered_in
 from daemon.cli.options import CellPaths
+from procedures.documents import read_result
+from procedures.kind import KINDS, load
 from procedures.kinematics_in_use import other_arm, other_device
 from procedures.report.numbers import covariance, dig, number, radius95
 
 POSE, KINEMATICS, VALUE = "pose", "kinematics", "value"
-_OF_RESULT = {  # kind of a result: where in it the value is, and what it is called
-    "hand-eye": ("T_flange_camera", "T_base_camera"),
-    "laser": ("T_flange_tool",),
-    "kincal": ("robot",),
-}
 
 
 @dataclass(frozen=True)
@@ -89,24 +87,28 @@ def from_file(path: Path) -> Exported:
             "DATA_INVALID", f"{file} was altered after the end of its run, so it is not what the job found"
         )
     result = read_json(file)
-    kind, answer = result.get("kind"), result.get("result")
     if result.get("schema") != "cellward.result/1":
         raise error("DATA_INVALID", f"{file} is no result (cellward.result/1); give one, or a ledger name")
-    keys = _OF_RESULT.get(str(kind))
-    if keys is None:
-        names = ", ".join(_OF_RESULT)
-        raise error("DATA_INVALID", f"{file} is a result of kind {kind!r}; those of {names} can be exported")
-    if not isinstance(answer, Mapping) or result.get("verdict") == "fail":
-        why = next(iter(result.get("reasons") or ["its verdict is fail"]))
+    found = read_result(result, str(file))
+    if isinstance(found, Result) or found.verdict == "fail":
+        why = next(iter(found.reasons or ["its verdict is fail"]))
         raise error("DATA_INVALID", f"{file} holds nothing to use: {why}")
-    key = next((k for k in keys if answer.get(k) is not None), None)
-    if key is None:
-        raise error("DATA_INVALID", f"{file} has no {' or '.join(keys)}; only a job's result has")
-    tool = dig(result, "inputs", "tool")
-    name = {"robot": "kinematics", "T_flange_tool": f"T_flange_tool.{tool or 'tool'}"}.get(key, key)
+    exported = found.exported()
+    if exported is None:
+        raise error(
+            "DATA_INVALID",
+            f"{file} is a result of kind '{found.kind}' without a calibration to export; a job's result of "
+            f"{', '.join(_exporting())} has one",
+        )
+    name, value = exported
     changed = datetime.fromtimestamp(file.stat().st_mtime, UTC)
-    value = {"robot": answer[key]} if key == "robot" else answer[key]
     return _of(name, value, result, None, changed, f"result file {file.name}")
+
+
+def _exporting() -> list[str]:
+    """The kinds whose results hold a calibration."""
+    models = {kind.name: load(kind.result) for kind in KINDS.values()}
+    return [name for name, model in models.items() if model.exported is not Envelope.exported]
 
 
 def from_ledger(name: str, paths: CellPaths) -> Exported:

@@ -454,6 +454,9 @@ class HandEyeResult(Envelope):
             predicted_95_m=self.uncertainty.error95_t_m or 0.0,
         )
 
+    def exported(self) -> tuple[str, Any] | None:
+        return self.result.pose()
+
     def main_figure(self) -> MainFigure | None:
         found = self.uncertainty.error95_t_m
         return None if found is None else MainFigure("error95_t_m", "95 % error of the place", found, "m")

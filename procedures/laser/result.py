@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cell.calibrations import tool_calibration
 from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
@@ -235,6 +236,10 @@ class LaserResult(Envelope):
             tool_moved=found.moved is not None and found.moved.moved,
             stands=update is None or update.committed is True,
         )
+
+    def exported(self) -> tuple[str, Any] | None:
+        pose = self.result.T_flange_tool
+        return None if pose is None else (tool_calibration(self.inputs.tool or "tool"), pose)
 
     def main_figure(self) -> MainFigure:
         off = hypot(*self.result.dp_flange)

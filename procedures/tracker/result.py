@@ -364,6 +364,9 @@ class KincalResult(Envelope):
             predicted_95_m=0.0 if accuracy is None else accuracy.predicted_95,
         )
 
+    def exported(self) -> tuple[str, Any] | None:
+        return "kinematics", {"robot": self.result.robot}
+
     def main_figure(self) -> MainFigure | None:
         forecast = self.uncertainty.predicted_95
         if forecast is None:

@@ -23,6 +23,7 @@ from cell.store.ledger import Ledger
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.kincal_scene import joints, make_scene
 from tests.kit.solved import solve_kincal
+from tests.kit.whole_results import whole as whole_result
 
 CAMERA = [0.0125, -0.0811, 0.0502, 0.031, -0.024, 1.571]
 TOOL = [0.0012, -0.0007, 0.1805, 0.006, 0.008, 0.0]
@@ -433,8 +434,8 @@ def test_kinematics_of_another_arm_than_the_config_names_are_not_exported(
     [
         (result("hand-eye", None, verdict="fail", reasons=["parallel-axes: ..."]), "parallel-axes"),
         (LASER | {"verdict": "fail", "reasons": ["bent tool: 4 mm"]}, "bent tool: 4 mm"),
-        (result("intercept", {"answers": []}), "those of hand-eye, laser, kincal can be exported"),
-        (result("laser", {"dp_flange": [0, 0, 0]}), "has no T_flange_tool; only a job's result has"),
+        (result("intercept", {"answers": []}), "a job's result of hand-eye, laser, kincal has one"),
+        (result("laser", {"dp_flange": [0, 0, 0]}), "kind 'laser' without a calibration to export"),
         ({"schema": "cellward.kincal/1"}, "is no result"),
     ],
 )
@@ -442,7 +443,7 @@ def test_a_file_without_a_usable_answer_is_refused(
     subject: CommandLine, tmp_path: Path, document: dict[str, Any], told: str
 ) -> None:
     file = tmp_path / "x.json"
-    file.write_text(json.dumps(document))
+    file.write_text(json.dumps(whole_result(document) if "kind" in document else document))
     ran = subject("export", file, "--format", "json")
     assert (ran.code, ran.out) == (2, "")
     assert told in ran.err
