@@ -10,6 +10,7 @@ from pathlib import Path
 
 TREE = Path(__file__).parents[1]
 COPIED = ("cell", "calibration", "procedures", "daemon", "drivers", "fakes", "tests/kit")
+CONTRACTS = "pyproject.toml"
 NAME, NUMBER, MODULE = "still", 15, "procedures.still"
 SHARED = {  # the line before which one is put, and that one
     "procedures/kind.py": (
@@ -18,6 +19,7 @@ SHARED = {  # the line before which one is put, and that one
         'result=":StillResult", jobs=(":Still",)),\n',
     ),
     "daemon/modbus/registers.toml": ("\n[[command]]\naddress = 3\n", f'{NUMBER} = "{NAME}"\n'),
+    CONTRACTS: ("    | touch_test\n", f"    | {NAME}\n"),
 }
 
 
@@ -25,6 +27,7 @@ def add_trivial_job(tree: Path) -> dict[str, int]:
     """Copy the tree to ``tree`` and add the job; how many lines each file has more or changed."""
     for name in COPIED:
         shutil.copytree(TREE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(TREE / CONTRACTS, tree)
     (tree / "procedures" / NAME).mkdir()
     (tree / "procedures" / NAME / "__init__.py").write_text(job_source(), "utf-8")
     for name, (before, line) in SHARED.items():

@@ -8,7 +8,7 @@ from cell.errors import error
 from daemon.cli.jobs import connect
 from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import out_json, out_table, say
-from daemon.cli.value_text import in_a_list, value_text
+from daemon.words.value_text import in_a_list, value_text
 from procedures.kinematics_in_use import in_words
 from procedures.words import local_time
 

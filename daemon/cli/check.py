@@ -47,11 +47,11 @@ def check(
     from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
     from daemon.config import load_config
-    from daemon.config.program_after import program_after_words
     from daemon.disk_space import capture_bytes
     from daemon.predictions import found_in, named, predictions
     from daemon.service.network import not_permitted
     from daemon.tool_references import without_reference
+    from daemon.words.program_after_text import program_after_words
 
     if drivers or jobs:
         from daemon.cli.installed import list_installed

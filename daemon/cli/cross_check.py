@@ -26,7 +26,7 @@ def cross_check(
     as_json: JsonOption = False,
 ) -> None:
     """Tool, camera or a joint's zero: what has changed, or that it cannot be told; exit code 1 for a part."""
-    from daemon.cli.result_text import result_text
+    from daemon.words.result_text import result_text
     from procedures.cross_check.solver import check_cell
 
     first, second = (load(config, number).path for number in (then, now))

@@ -59,7 +59,7 @@ def finished(end: Mapping[str, Any], as_json: bool, config: Path | None) -> None
     if as_json:
         out_json(end)
     elif end.get("result"):
-        from daemon.cli.result_text import result_text
+        from daemon.words.result_text import result_text
 
         try:
             out(result_text(load(config, run).read_result()))

@@ -107,9 +107,9 @@ def _show(folder: Any, as_json: bool) -> None:
     if as_json:
         out_json({"run": folder.info, "journal": journal, "end": end, "result": result})
         return
-    from daemon.cli.journal_text import timeline
     from daemon.cli.pruned_text import removed_pictures
-    from daemon.cli.result_text import result_text
+    from daemon.words.journal_text import timeline
+    from daemon.words.result_text import result_text
 
     tool = tool_on_flange(folder.info)
     told = f" of tool '{tool}'" if tool else ""

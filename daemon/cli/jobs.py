@@ -71,7 +71,7 @@ def start(
     """Start a job; prints the number of its run."""
     parameters = dict(_pair(text) for text in parameter or [])
     if dry_run:
-        from daemon.cli.plan_text import plan_text
+        from daemon.words.plan_text import plan_text
 
         with connect(config) as daemon:
             know_configured_jobs(config)

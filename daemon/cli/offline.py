@@ -74,7 +74,7 @@ def solve(
     if as_json:
         out_json(result)
     else:
-        from daemon.cli.result_text import result_text
+        from daemon.words.result_text import result_text
 
         out(result_text(result))
     if result["verdict"] == "fail":

@@ -20,7 +20,7 @@ from cell.store.fingerprint import SIGNATURES_FILE
 from cell.store.framed import read_framed
 from cell.store.runs import JOURNAL_FILE, RunFolder
 from cell.version import software
-from daemon.cli.journal_text import what
+from daemon.words.journal_text import what
 from procedures.belt.record import (
     BELIEF,
     BELIEF_FILE,

@@ -2,7 +2,7 @@
 
 import ipaddress
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -11,9 +11,6 @@ from cell.kinds import plays
 from daemon.config.drivers import driver_class
 from daemon.config.findings import Findings
 from daemon.config.section import Section
-
-if TYPE_CHECKING:
-    from daemon.config.load import CellConfig
 
 JOB = "laser-check"  # what the shipped URScript asks for
 
@@ -61,18 +58,6 @@ def check_program_after(
         findings.add((*place, "asked_from"), "no robot can ask: set enabled and allow_write in [modbus]")
     elif isinstance(asked_from, str) and not _listed(asked_from, server.get("allow_clients")):
         findings.add((*place, "asked_from"), f"'{asked_from}' is not in allow_clients of [modbus]; add it")
-
-
-def program_after_words(config: "CellConfig") -> str | None:
-    """What the daemon will do by itself, in a sentence; None where it starts no program."""
-    section = config.robot.program_after
-    if section is None:
-        return None
-    return (
-        f"after each {JOB} that a program of the robot at {section.asked_from} asked for and that passed, the"
-        f" daemon loads '{section.program}' on '{config.robot.roles()['arm']}' and starts it: the arm MOVES"
-        " by that program, on ways that nobody checks here; after any other run it starts nothing"
-    )
 
 
 def _listed(address: str, networks: Any) -> bool:

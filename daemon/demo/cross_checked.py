@@ -8,8 +8,8 @@ from cell.errors import CellError
 from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
-from daemon.cli.result_text import result_text
 from daemon.demo.closing import Row
+from daemon.words.result_text import result_text
 from procedures.cross_check.result import CrossCheckResult
 from procedures.cross_check.solver import check_cell
 from procedures.cross_check.truth import judge_change

@@ -8,8 +8,8 @@ from cell.store.files import read_json, to_json, write_atomic
 from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
-from daemon.cli.result_text import result_text
 from daemon.demo.closing import Row
+from daemon.words.result_text import result_text
 from procedures.beside_truth import Judged
 from procedures.documents import kind_of, read_result
 from procedures.kind import load

@@ -9,12 +9,12 @@ from aiohttp import web
 from cell.errors import CellError
 from cell.store.runs import load_run
 from cell.store.summary import whole_result
-from daemon.cli.result_text import result_text
-from daemon.cli.value_text import in_a_list, value_text
 from daemon.decisions import use_of, warnings_of
 from daemon.engine import Engine
 from daemon.values import tell_configured
 from daemon.web.answers import Visitors, json_answer
+from daemon.words.result_text import result_text
+from daemon.words.value_text import in_a_list, value_text
 from procedures.kind import KINDS
 
 MOST_RESULTS = 200

@@ -13,12 +13,12 @@ from cell.errors import CellError, error
 from cell.store.run_fields import tool_on_flange
 from cell.store.run_list import ListedRun, listed_runs
 from cell.store.runs import ALTERED, RunFolder, load_run
-from daemon.cli.journal_text import timeline
-from daemon.cli.result_text import result_text
 from daemon.engine import Engine
 from daemon.web.answers import Visitors, json_answer
 from daemon.web.origin import REPORT_POLICY
 from daemon.web.signed import told
+from daemon.words.journal_text import timeline
+from daemon.words.result_text import result_text
 from procedures.comparison import compare_results
 from procedures.documents import kind_named
 from procedures.registry import JOBS

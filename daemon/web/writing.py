@@ -8,11 +8,11 @@ from aiohttp import web
 
 from cell.errors import CellError, error
 from daemon.auditor import Auditor
-from daemon.cli.plan_text import plan_text
 from daemon.config.faces import Role
 from daemon.requests import WRITES, EngineControl, Params, carry_out
 from daemon.web.answers import Visitors, address_of, body, caller, json_answer
 from daemon.web.sessions import Session
+from daemon.words.plan_text import plan_text
 
 NEEDS: Mapping[str, Role] = {
     "start": "operator",

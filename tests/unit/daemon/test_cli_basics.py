@@ -149,7 +149,7 @@ def test_a_reader_that_goes_away_is_no_failure(tmp_path: Path) -> None:
 
 
 def test_a_result_of_too_few_poses_to_leave_one_out_is_printed_without_that_line() -> None:
-    from daemon.cli.result_text import result_text
+    from daemon.words.result_text import result_text
     from tests.kit.whole_results import whole
 
     pose = [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cell.store.ledger import Ledger
-from daemon.cli.plan_text import plan_text
+from daemon.words.plan_text import plan_text
 from procedures.comparison import compare_results
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.whole_results import whole
@@ -262,6 +262,7 @@ def test_a_plan_of_sweeps_is_listed_with_its_margins_and_problems() -> None:
     }
     approach = {"index": "xs approach", "checks": {}, "problem": None, "sweeps": 0, "q": [0.0] * 6}
     plan = {
+        "kind": "laser",
         "sweeps": [approach, row],
         "note": "12 sweeps at most",
         "floor_m": 0.15,

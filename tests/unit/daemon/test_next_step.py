@@ -8,10 +8,10 @@ import pytest
 
 from cell.formats.result import Result, Verdict
 from daemon.cli.next_step import next_commands, possible
-from daemon.cli.result_text import result_text
 from daemon.cli.status_text import change_line, status_text, without_state
-from daemon.cli.value_text import value_text
 from daemon.stored_result import summary_of
+from daemon.words.result_text import result_text
+from daemon.words.value_text import value_text
 from procedures.report.source import Source
 from procedures.report.verdict import banner
 from tests.kit.whole_results import whole

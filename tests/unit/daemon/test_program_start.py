@@ -8,8 +8,8 @@ import pytest
 from cell.errors import error
 from cell.procedure import Run
 from daemon.config import ConfigInvalid
-from daemon.config.program_after import program_after_words
 from daemon.start_request import StartRequest
+from daemon.words.program_after_text import program_after_words
 from fakes.object import run_virtual
 from fakes.object.controller import Program
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused

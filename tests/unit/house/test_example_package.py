@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli.result_text import result_text
 from daemon.config import load_config
 from daemon.config.drivers import installed_drivers
+from daemon.words.result_text import result_text
 from fakes.object import VirtualClock, run_virtual
 from procedures import registry
 from procedures.outside import installed_jobs, job_class

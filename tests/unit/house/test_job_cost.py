@@ -1,4 +1,4 @@
-"""A trivial job of our own costs two lines; it is listed, checked, run, shown and has registers."""
+"""A trivial job of our own costs three lines; it is listed, checked, run, shown and has registers."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from pathlib import Path
 import daemon
 from daemon.cli.check import check
 from daemon.cli.installed import list_installed
-from daemon.cli.result_text import result_text
+from daemon.words.result_text import result_text
 from daemon.modbus import Command
 from daemon.modbus.table import register_table
 from daemon.plc import PlcFace

@@ -11,10 +11,10 @@ import pytest
 from calibration.identification.application import chain_of
 from cell.calibrations import kinematics
 from cell.poses import from_pose6
-from daemon.cli.plan_text import plan_text
 from daemon.config import CellConfig
 from daemon.plc import PlcFace
 from daemon.predictions import setup_of
+from daemon.words.plan_text import plan_text
 from fakes.object import run_virtual
 from fakes.world.scenario import OBSERVED, Scenario
 from procedures.corrected_targets.config import CorrectedTargetsConfig

@@ -8,7 +8,7 @@ import pytest
 
 from cell.errors import CellError
 from cell.run_values import RunValues
-from daemon.cli.result_text import result_text
+from daemon.words.result_text import result_text
 from fakes.object import run_virtual
 from procedures.laser.check import known_of
 from procedures.laser.config import LaserCheckConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli.result_text import result_text
+from daemon.words.result_text import result_text
 from fakes.object import run_virtual
 from procedures.belt.report.source import BeltSource
 from procedures.report.write import from_folder, render

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cell.errors import CellError
-from daemon.cli.plan_text import plan_text
-from daemon.cli.result_text import result_text
+from daemon.words.plan_text import plan_text
+from daemon.words.result_text import result_text
 from procedures.comparison import compare_results
 from procedures.iso9283.report.source import IsoSource
 from procedures.report.write import from_folder, from_result, render
@@ -109,6 +109,7 @@ def test_the_command_line_says_what_is_resolved_and_what_is_not(result: dict[str
 def test_the_plan_is_told_with_its_order_and_speed() -> None:
     checks = {"joint_rad": 0.5, "joint": "elbow", "workspace_m": 0.2, "floor_m": 0.3, "self_m": 0.1}
     plan = {
+        "kind": "iso9283",
         "poses": [{"pose": "P1", "q": [0.0] * 6, "shift_m": 0.0012, "checks": checks}],
         "order": ["P5", "P4", "P3", "P2", "P1"],
         "cycles": 30,

@@ -11,7 +11,7 @@ import pytest
 from bench.intercept import HORIZONS, M_PER_COUNT, SimulatedSet, make, squares
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from cell.errors import InputError
-from daemon.cli.result_text import result_text
+from daemon.words.result_text import result_text
 from tests.kit.solved import solve_intercept
 
 

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from cell.calibrations import laser_reference
 from cell.errors import error
 from cell.procedure import Run
-from daemon.cli.plan_text import plan_text
 from daemon.predictions import setup_of
+from daemon.words.plan_text import plan_text
 from fakes.object import run_virtual
 from fakes.world.obstacle import Obstacle
 from procedures.beside_truth import Judged

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from daemon.cli.plan_text import plan_text
-from daemon.cli.result_text import result_text
 from daemon.config import ConfigInvalid
 from daemon.predictions import predictions
+from daemon.words.plan_text import plan_text
+from daemon.words.result_text import result_text
 from fakes.object import run_virtual
 from procedures.report.write import write_report
 from tests.kit.object_cell import no_report, open_cell

@@ -13,8 +13,8 @@ from cell.errors import CellError
 from cell.formats.kincal import SCHEMA
 from cell.store.files import read_json
 from daemon.cli.replay import differences
-from daemon.cli.value_text import value_text
 from daemon.stored_result import summary_of
+from daemon.words.value_text import value_text
 from fakes.object import run_virtual
 from procedures.comparison import compare_results
 from tests.kit.object_cell import ObjectCell, open_cell
