@@ -41,18 +41,24 @@ from procedures.cross_check.result import CrossCheckResult
 from procedures.cross_check.solver import check_cell
 from procedures.cross_check.truth import judge_change
 from procedures.cross_check.words import JOINTS
-from tests.kit.object_cell import open_cell
+from tests.kit.object_cell import WHO, ObjectCell, open_cell
 
-CAPTURE, REFERENCE, CHECK = "cone-capture", "laser-reference", "laser-check"
+CAPTURE, REFERENCE, CHECK, TOUCH = "cone-capture", "laser-reference", "laser-check", "touch-test"
+NOW = {CAPTURE: {"accept": {"auto": False}}}  # what is made again is not taken into effect
 # When the two lives begin: noise is a function of time, and so none of it comes twice.
 FIRST_S, SECOND_S = 1e3, 1e5
+ZEROS = ("joint", "base")
 NEVER, CANNOT_TELL = "not done", "cannot-tell"
 FIRST, SCENARIO = "first", "scenario.toml"
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens between: ``size`` is m of the tool's point, m and rad of a camera, rad of a zero."""
+    """What happens between: ``size`` is m of the tool's point, m and rad of a camera, rad of a zero.
+
+    The zero is that of one of the ``joint``s 2 to 6, in turn, or of the ``base``, joint 1: with a camera on
+    the flange it shows in the beams alone, as a bent tool does.
+    """
 
     part: str
     size: float = 0.0
@@ -64,12 +70,12 @@ class Fault:
     @property
     def moves_camera(self) -> bool:
         """Whether a capture differs by it."""
-        return self.part in ("camera", "joint")
+        return self.part in ("camera", *ZEROS)
 
     @property
     def moves_tool(self) -> bool:
         """Whether the tool in the beams does."""
-        return self.part in ("tool", "joint")
+        return self.part in ("tool", *ZEROS)
 
 
 UNTOUCHED = Fault("none")
@@ -77,6 +83,8 @@ FAULTS: Mapping[str, Sequence[Fault]] = {
     "small": [Fault("tool", 3e-4), Fault("camera", 5e-4), Fault("joint", 5e-4)],
     "usual": [UNTOUCHED, Fault("tool", 7e-4), Fault("camera", 1e-3), Fault("joint", 1e-3)],
     "large": [Fault("tool", 1.5e-3), Fault("camera", 2e-3), Fault("joint", 2e-3)],
+    "base": [Fault("base", 1e-3)],
+    "touch": [UNTOUCHED, Fault("tool", 1.5e-3), Fault("camera", 1e-3), Fault("joint", 1e-3)],
 }
 
 
@@ -116,13 +124,20 @@ class Told:
         return json.dumps(asdict(self))
 
 
-def joint_of(seed: int) -> int:
-    """Whose zero it is, from 0: that of the base shows in the beams alone, with a camera on the flange."""
-    return seed % 5 + 1
+def joint_of(fault: Fault, seed: int) -> int:
+    """Whose zero it is, from 0."""
+    return 0 if fault.part == "base" else seed % 5 + 1
 
 
-def played(seed: int, faults: Sequence[Fault]) -> list[Told]:
-    """All of ``faults`` in the cell drawn by ``seed``."""
+def right_of(fault: Fault, seed: int) -> str:
+    """What the cross check should say of it."""
+    if fault.part == "base":
+        return CANNOT_TELL
+    return f"zero of {JOINTS[joint_of(fault, seed)]}" if fault.part == "joint" else fault.part
+
+
+def played(seed: int, faults: Sequence[Fault], touch: bool = False) -> list[Told]:
+    """All of ``faults`` in the cell drawn by ``seed``; by a ``touch`` test of now in place of the beams."""
     with (
         tempfile.TemporaryDirectory(prefix="cellward-cross-") as name,
         contextlib.redirect_stdout(io.StringIO()),
@@ -131,8 +146,8 @@ def played(seed: int, faults: Sequence[Fault]) -> list[Told]:
         try:
             cell = _Cell(seed, Path(name))
         except (CellError, _NotDoneError) as failure:
-            return [Told(seed, f.name, f.part, NEVER, None, {}, 0.0, str(failure)) for f in faults]
-        return [cell.told(fault) for fault in faults]
+            return [Told(seed, f.name, right_of(f, seed), NEVER, None, {}, 0.0, str(failure)) for f in faults]
+        return [cell.told(fault, touch) for fault in faults]
 
 
 class _NotDoneError(Exception):
@@ -157,6 +172,7 @@ class _Cell:
         tool = present(asked_tool(config, CAPTURE, None, needed=True), "tool")
         camera = present(rehearsal_of(config, CAPTURE, tool).camera, "camera")
         beams = rehearsal_of(config, REFERENCE, tool).beams
+        self.held = present(rehearsal_of(config, TOUCH, tool).held, "touch test")
         known = KnownCell(
             robot=config.robot.robot_spec(),
             tool=tool.section(),
@@ -172,23 +188,27 @@ class _Cell:
         self.kept: dict[tuple[str, str], _Done] = {}
         self.then = self._live(FIRST, None, [CAPTURE, REFERENCE])[0]
 
-    def told(self, fault: Fault) -> Told:
+    def told(self, fault: Fault, touch: bool) -> Told:
         """What the cross check says after ``fault``."""
         began = time.process_time()
-        right = f"zero of {JOINTS[joint_of(self.seed)]}" if fault.part == "joint" else fault.part
+        right = right_of(fault, self.seed)
         named, sized, probable, why = NEVER, None, dict[str, float](), ""
         try:
             now = self._measured(fault if fault.moves_camera else UNTOUCHED, CAPTURE)
-            beams = self._measured(fault if fault.moves_tool else UNTOUCHED, CHECK)
-            result = check_cell(self.then.run.path, now.run.path, beams.run.path)
+            if touch:
+                tool = self._measured(fault, TOUCH)
+                result = check_cell(self.then.run.path, now.run.path, touch=tool.run.path)
+            else:
+                tool = self._measured(fault if fault.moves_tool else UNTOUCHED, CHECK)
+                result = check_cell(self.then.run.path, now.run.path, tool.run.path)
         except (CellError, _NotDoneError) as failure:
             why = str(failure)
         else:
             if isinstance(result, CrossCheckResult):
                 answer = result.result
                 named = f"zero of {answer.joint}" if answer.part == "joint zero" else answer.part
-                truth = {**now.truth, "T_flange_tool": beams.truth["T_flange_tool"]}
-                if named == right != UNTOUCHED.part:
+                truth = {**now.truth, "T_flange_tool": tool.truth["T_flange_tool"]}
+                if named == right and right not in (UNTOUCHED.part, CANNOT_TELL):
                     sized = judge_change(result, self.then.truth, truth).good
                 probable = dict(answer.probable)
             else:
@@ -223,7 +243,10 @@ class _Cell:
                 if fault is not None and fault.part == "tool":
                     world.tool.bend(clock.now(), *self._bend(fault.size))
                 for job in jobs:
-                    run_id = await cell.start(job=job)
+                    params = {} if fault is None else NOW.get(job, {})
+                    run_id = await cell.start(job=job, params=params)
+                    if job == TOUCH:
+                        await self._touch(cell)
                     end = await cell.finished(run_id)
                     if end["outcome"] != "complete":
                         raise _NotDoneError(f"{job}: {(end['error'] or {}).get('text', end['outcome'])}")
@@ -232,6 +255,18 @@ class _Cell:
 
         with patch("daemon.results.draw_report", _no_report):
             return run_virtual(live())
+
+    async def _touch(self, cell: ObjectCell) -> None:
+        """Bring the tool's point over each corner that the job asks for, as long as it does."""
+        last, world, clock = 0, cell.plant.world, cell.clock
+        while cell.engine.active:
+            run = cell.engine.run
+            if run is not None and run.prompt is not None and run.prompt[0] != last:
+                last, corner = run.prompt[0], cell.engine.status()["live"]["corner"]
+                there = world.bring_over(clock.now(), int(corner), self.held.gauge_m, self.held.hand_m)
+                await clock.sleep(there - clock.now())
+                await cell.engine.confirm(last, WHO)
+            await clock.sleep(0.1)
 
     def _world(self, fault: Fault | None) -> dict[str, Any]:
         """The world of the first life, or after ``fault``; a tool is bent while it lives."""
@@ -244,9 +279,9 @@ class _Cell:
             camera = world["camera"]
             moved = from_pose6(camera["T_flange_camera"]) * exp_xi(fault.size * np.concatenate([shift, turn]))
             camera["T_flange_camera"] = to_pose6(moved).tolist()
-        if fault.part == "joint":
-            sign = float(np.sign(self.direction[0]))
-            world["arm"]["error"]["delta_theta"][joint_of(self.seed)] += sign * fault.size
+        if fault.part in ZEROS:
+            zeros = world["arm"]["error"]["delta_theta"]
+            zeros[joint_of(fault, self.seed)] += float(np.sign(self.direction[0])) * fault.size
         return world
 
     def _new_folder(self, name: str) -> Path:
@@ -256,8 +291,9 @@ class _Cell:
 
 
 def cell_text() -> str:
-    """The cell's configuration; @FOLDER@ is where its files are."""
-    return files("daemon.demo").joinpath("fast_changed.toml").read_text("utf-8")
+    """The cell's configuration; @FOLDER@ is where its files are. The boards lie where ``home`` shows them."""
+    text = files("daemon.demo").joinpath("fast_changed.toml").read_text("utf-8")
+    return text.replace('look_pose = "over_board"', 'look_pose = "home"')
 
 
 def _config(folder: Path) -> CellConfig:

@@ -17,8 +17,9 @@ check, in its real world) and plays the jobs on virtual time: a capture of 40 po
 then, in a cell that is started again after the fault, laser-check and a capture of a board that lies
 elsewhere, by a lens that temperature has changed; the cross check judges the runs. A tool is bent at the
 flange, a camera moved and turned in directions of chance, a zero lost of one of the joints 2 to 6.
-``--size`` says by how much: ``usual`` as above, ``small`` about half of it, ``large`` twice. With ``--keep
-FILE`` a bench that was ended goes on where it was.
+``--faults`` says which: ``usual`` as above, ``small`` about half of it, ``large`` twice, ``base`` the zero
+of joint 1, which cannot be told. ``--touch``: a touch test of now in place of the beams, with tools bent by
+1.5 mm. With ``--keep FILE`` a bench that was ended goes on where it was.
 """
 
 import argparse
@@ -54,11 +55,12 @@ def main() -> int:
     )
     parser.add_argument("--twin", type=int, metavar="RUNS", help="cells of the twin, not data sets")
     parser.add_argument("--first", type=int, default=1, help="seed of the first cell; others follow it")
-    parser.add_argument("--size", choices=tuple(FAULTS), action="append", help="of the faults in the twin")
+    parser.add_argument("--faults", choices=tuple(FAULTS), action="append", help="in the twin: usual")
     parser.add_argument("--keep", type=Path, help="file of cells: new ones are added, old ones not run")
     options = parser.parse_args()
     if options.twin is not None:
-        return in_twin(range(options.first, options.first + options.twin), options.size, options.keep)
+        seeds = range(options.first, options.first + options.twin)
+        return in_twin(seeds, options.faults, options.keep, options.touch)
     setup: Setup = "eye-in-hand" if options.touch else options.setup
     by = {"beams": not options.touch, "touch": options.touch, "tool_m": 1e-3 * options.tool}
     poses = POSES[setup]
@@ -84,15 +86,15 @@ def main() -> int:
     return 0 if good else 1
 
 
-def in_twin(seeds: Sequence[int], sizes: Sequence[str] | None, keep: Path | None) -> int:
+def in_twin(seeds: Sequence[int], sizes: Sequence[str] | None, keep: Path | None, touch: bool = False) -> int:
     """The table of cells of the twin; 0 when each fault was found often enough, and nothing wrong named."""
-    faults = faults_of(sizes or ["usual"])
+    faults = faults_of(sizes or ["touch" if touch else "usual"])
     lines = keep.read_text("utf-8").splitlines() if keep is not None and keep.exists() else []
     told = [Told(**json.loads(line)) for line in lines]
     done = {(one.seed, one.fault) for one in told}
     for seed in seeds:
         if wanted := [fault for fault in faults if (seed, fault.name) not in done]:
-            new = played(seed, wanted)
+            new = played(seed, wanted, touch)
             told += new
             if keep is not None:
                 with keep.open("a", encoding="utf-8") as file:

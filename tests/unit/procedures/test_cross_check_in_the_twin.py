@@ -8,11 +8,24 @@ import bench.cross_check as bench
 from bench import _cross_twin as subject
 from bench._cross_twin import Fault, Told
 
-FEW = (("poses_per_placement = 40", "poses_per_placement = 10"), ("passes = 3", "passes = 1"))
+FEW = (
+    ("poses_per_placement = 40", "poses_per_placement = 16"),
+    ("frames_per_pose = 5", "frames_per_pose = 3"),
+    ("passes = 3", "passes = 1"),
+)
 
 
 @pytest.mark.slow
-def test_each_fault_of_the_twin_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("faults", "touch", "named"),
+    [
+        ([Fault("tool", 2e-3), Fault("joint", 4e-3)], False, ["tool", "zero of wrist 2"]),
+        ([Fault("camera", 8e-3)], True, ["camera"]),
+    ],
+)
+def test_each_fault_of_the_twin_is_named(
+    faults: list[Fault], touch: bool, named: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     shipped = subject.cell_text
 
     def hasty() -> str:
@@ -23,9 +36,8 @@ def test_each_fault_of_the_twin_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
         return text
 
     monkeypatch.setattr(subject, "cell_text", hasty)
-    faults = [Fault("tool", 2e-3), Fault("camera", 4e-3), Fault("joint", 4e-3)]
-    told = subject.played(3, faults)
-    assert [one.named for one in told] == ["tool", "camera", "zero of wrist 2"], told
+    told = subject.played(3, faults, touch)
+    assert [one.named for one in told] == named, told
     assert all(one.good and one.sized for one in told)
     assert not any(one.wrong for one in told)
 
@@ -66,7 +78,7 @@ def test_a_bench_that_was_ended_goes_on_and_is_good_where_enough_are_named(
 ) -> None:
     ran: list[tuple[int, list[str]]] = []
 
-    def play(seed: int, faults: list[Fault]) -> list[Told]:
+    def play(seed: int, faults: list[Fault], touch: bool) -> list[Told]:
         ran.append((seed, [fault.name for fault in faults]))
         return [told(f.name, f.part, (named if seed == 2 else None) or f.part, seed) for f in faults]
 
