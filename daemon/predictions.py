@@ -1,6 +1,7 @@
 """What is expected of each job before anything moves: ``cellward check`` and the page tell it."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,6 +9,7 @@ from pydantic import BaseModel
 
 from cell.errors import CellError, error
 from daemon.config import CellConfig
+from daemon.config.locate import Path as Place
 from daemon.config.recipes import Recipe
 from daemon.job_config import make_procedure
 from daemon.tools import ARGUMENT, CellTool, tools_of, usual_tool
@@ -20,6 +22,7 @@ from procedures.setup import Setup
 if TYPE_CHECKING:
     from cell.store.ledger import Ledger
 
+_KEY = re.compile(r"(\w+(?:\[\d+\]|\.\w+)*): ")
 NOMINAL = ("T_flange_camera_nominal", "T_base_camera_nominal", "T_flange_target_nominal")
 
 
@@ -85,9 +88,30 @@ def _prediction(setup: Setup, job: str, section: BaseModel) -> dict[str, Any] | 
         return {"job": job, "text": "no prediction", "problems": [f"{exc}. {exc.hint}"]}
 
 
-def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:
-    """The ``problems`` (a job cannot succeed) or ``cautions`` of all predictions, each with its job."""
-    return [f"{named(job)}: {text}" for job in predictions for text in job.get(kind, [])]
+def found_in(
+    predictions: list[dict[str, Any]], kind: str, line_at: Callable[[Place], str] = lambda _: ""
+) -> list[str]:
+    """The ``problems`` (a job cannot succeed) or ``cautions`` of all predictions, each with its job.
+
+    One that begins with a key of the job's section has in front what ``line_at`` says of that key, which is
+    nothing where the file does not have it.
+    """
+    return [
+        next(filter(None, map(line_at, _places(job, text))), "") + f"{named(job)}: {text}"
+        for job in predictions
+        for text in job.get(kind, [])
+    ]
+
+
+def _places(prediction: Mapping[str, Any], text: str) -> list[Place]:
+    """Where the key may stand that ``text`` begins with: in a recipe, else in the section of its job."""
+    if (key := _KEY.match(text)) is None:
+        return []
+    path = [int(part) if part.isdecimal() else part for part in re.findall(r"\w+", key[1])]
+    tables = [("job", prediction["job"])]
+    if "recipe" in prediction:
+        tables.insert(0, ("recipe", prediction["recipe"]))
+    return [(*table, *path) for table in tables]
 
 
 def named(prediction: Mapping[str, Any]) -> str:

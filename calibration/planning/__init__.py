@@ -14,7 +14,7 @@ from calibration.planning.planner import ConeRequest, plan_cone, plan_views
 from calibration.planning.prediction import PredictedUncertainty
 from calibration.planning.search import search_moves
 from calibration.planning.view import view_faults
-from calibration.planning.volume import Volume, candidate_views, spread_views
+from calibration.planning.volume import Volume, beyond_volume, candidate_views, spread_views
 
 __all__ = [
     "ConePlan",
@@ -27,6 +27,7 @@ __all__ = [
     "PredictedUncertainty",
     "RejectedPose",
     "Volume",
+    "beyond_volume",
     "board_centre",
     "candidate_axes",
     "candidate_views",

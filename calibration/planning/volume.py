@@ -53,6 +53,36 @@ def candidate_views(
     return RigidTransform.from_components(distance[:, None] * rays - R.apply(centre), R)
 
 
+def beyond_volume(volume: Volume, view: RigidTransform, seen: RigidTransform, points: Array) -> str | None:
+    """Why ``view``, a T_camera_target, lies beyond those of :func:`candidate_views` with this ``seen``, by
+    its distance, tilt and roll; None where it does not."""
+    centre = view.apply(board_centre(points))
+    distance = float(np.linalg.norm(centre))
+    facing = Rotation.from_matrix(_facing(centre / distance, seen.rotation))
+    _, _, z, w = (facing.inv() * view.rotation).as_quat()  # a roll, then a tilt
+    tilt = float(2.0 * np.arccos(min(np.hypot(z, w), 1.0)))
+    roll = float(abs((2.0 * np.arctan2(z, w) + np.pi) % (2.0 * np.pi) - np.pi))
+    for is_beyond, text in (
+        (
+            not volume.nearest_m <= distance <= volume.farthest_m,
+            f"{distance:.2f} m before the camera, poses are from {volume.nearest_m:g} to "
+            f"{volume.farthest_m:g} m",
+        ),
+        (
+            tilt > volume.tilt_rad,
+            f"tilted by {np.degrees(tilt):.0f} degrees, poses are by up to {np.degrees(volume.tilt_rad):.0f}",
+        ),
+        (
+            roll > _ROLL_RAD,
+            f"rolled by {np.degrees(roll):.0f} degrees from where the arm begins, poses are by up to "
+            f"{np.degrees(_ROLL_RAD):.0f}",
+        ),
+    ):
+        if is_beyond:
+            return text
+    return None
+
+
 def spread_views(
     volume: Volume,
     views: RigidTransform,
@@ -71,9 +101,10 @@ def spread_views(
         q = None if fault is not None else model.inverse(flanges[k], q_start)
         if q is not None and _free(checker, q):
             reached.append((k, q))
-    rows = np.array([k for k, _ in reached], dtype=np.int64)
-    Q = np.array([q for _, q in reached]).reshape(-1, 6)
-    own = views[rows] if len(rows) else views[:0]
+    if not reached:
+        return views[:0]
+    rows, Q = np.array([k for k, _ in reached], dtype=np.int64), np.array([q for _, q in reached])
+    own = views[rows]
     at = np.concatenate(
         [own.translation, _LEVER_M * (own.rotation * views[0].rotation.inv()).as_rotvec()], axis=1
     )
@@ -100,8 +131,6 @@ def _facing(ray: Array, now: Rotation) -> Array:
 
 def _farthest(at: Array, count: int) -> NDArray[np.int64]:
     """Rows of ``at`` (n, 6), each the farthest from those before; the first is the nearest to their mean."""
-    if not len(at):
-        return np.zeros(0, dtype=np.int64)
     chosen = [int(np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1)))]
     away = np.linalg.norm(at - at[chosen[0]], axis=1)
     while len(chosen) < min(count, len(at)):

@@ -2,6 +2,7 @@
 
 import re
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,12 +69,13 @@ def check(
         if as_json:
             out_json({"config": str(path), "valid": valid, **_as_findings(path, exc)})
         raise
-    problems = [*loaded.problems, *_not_told_yet(found_in(expected, "problems"), loaded.problems)]
+    line_at = _lines_of(loaded.source)
+    problems = [*loaded.problems, *_not_told_yet(found_in(expected, "problems", line_at), loaded.problems)]
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
     doubts += absent
     full = low_space(loaded)
     barred = not_permitted(loaded) if loaded.source == str(DEFAULT_CONFIG) else []
-    cautions = found_in(expected, "cautions")
+    cautions = found_in(expected, "cautions", line_at)
     warnings = [*loaded.warnings, *doubts, *cautions, *([full] if full else []), *barred]
     for problem in problems:
         say(f"Error: {problem}")
@@ -120,6 +122,14 @@ def check(
         say(bad[0]["hint"])
     if problems or bad:
         raise typer.Exit(BAD_INPUT if problems else bad[0]["exit_code"])
+
+
+def _lines_of(source: str) -> Callable[[tuple[str | int, ...]], str]:
+    """``file:line: `` of a key that the file has; nothing of another."""
+    from daemon.config.locate import locate
+
+    lines = locate(Path(source).read_text("utf-8-sig"))
+    return lambda key: f"{source}:{lines[key]}: " if key in lines else ""
 
 
 def _not_told_yet(expected: list[str], told: list[str]) -> list[str]:

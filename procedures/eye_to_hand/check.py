@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
-from calibration.planning import Volume
 from cell.calibrations import kinematics
 from cell.errors import error
 from cell.formats.capture import Camera
@@ -97,7 +96,10 @@ class EyeToHandCheck(Procedure):
         if not self.config.targets:
             return plan.as_dict()
         camera = camera_entry(seen.intrinsics)
-        return {**plan.as_dict(), "targets": await capture.list_targets(plan.poses, camera)}
+        return {
+            **plan.as_dict(),
+            "targets": await capture.list_targets(plan.poses, camera, self.config.volume()),
+        }
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
@@ -122,10 +124,8 @@ class CheckCapture(TargetDrive):
         self, seen: BoardSeen, calibration: dict[str, Any], finished: Sequence[dict[str, Any]] = ()
     ) -> PlacementPlan:
         """Plan the poses in the worker; poses already finished are left out."""
-        check = self.check
         common = await self._plan_request(seen, calibration, finished)
-        volume = Volume(check.poses, check.nearest_m, check.farthest_m, check.tilt_rad)
-        return await self.run.worker.call(plan_volume, VolumeRequest(common, volume))
+        return await self.run.worker.call(plan_volume, VolumeRequest(common, self.check.volume()))
 
     async def solve(self) -> None:
         """Write ``axbc.json``, solve it in the worker, and leave the result to be proposed."""

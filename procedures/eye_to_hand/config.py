@@ -4,6 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from calibration.planning import Volume
 from cell.formats.axbc import PlaceFrom
 from cell.formats.bounds import Pose
 from cell.formats.capture import CameraSigma
@@ -96,6 +97,10 @@ class EyeToHandCheckConfig(Strict):
                 "min_poses_per_placement": self.min_poses,
             }
         )
+
+    def volume(self) -> Volume:
+        """What the poses are spread over."""
+        return Volume(self.poses, self.nearest_m, self.farthest_m, self.tilt_rad)
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.planning import Volume
 from cell.errors import RefusedError, error
 from cell.formats.axbc import TARGETS_SCHEMA, How
 from cell.motion import MotionLease
@@ -24,8 +25,10 @@ from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.targets import (
     Refusals,
     TargetMove,
+    TargetsAsGiven,
     TargetView,
     commands_as_given,
+    list_targets,
     near_joints,
     no_return,
     off_in_view,
@@ -81,31 +84,20 @@ class TargetDrive(CaptureRun):
         self._near = near
         return path
 
-    async def list_targets(self, visits: Sequence[Visit], camera: Mapping[str, Any]) -> list[dict[str, Any]]:
+    async def list_targets(
+        self, visits: Sequence[Visit], camera: Mapping[str, Any], volume: Volume
+    ) -> list[dict[str, Any]]:
         """For a dry run each target as given, with joints on a way that was checked, or why it has none.
 
-        ``visits`` are the poses that come before. Commands as corrected are found from those alone.
+        ``visits`` are the poses that come before.
         """
         values, check = self.run.values, self.check
         q_now = await self._joints()
         start = q_now if check.start_pose is None else [float(v) for v in values.poses[check.start_pose]]
-        targets, known = check.targets, [visit.q for visit in visits]
-        near = await self.run.worker.call(near_joints, values, self.given, targets, known or [start])
-        given = [to_pose6(T).tolist() for T in commands_as_given(self.given, targets)]
-        commands = _commands(given, [None] * len(given))
+        known = [visit.q for visit in visits]
         view = TargetView(self.target, check.T_marker_flange, camera)
-        args = targets, commands, near, start, start
-        return [
-            {
-                "number": move.target + 1,
-                "T_camera_flange": list(targets[move.target]),
-                "given": move.command,
-                "q": move.q,
-                "checks": dict(move.checks),
-                "why": move.why,
-            }
-            for move in await self.run.worker.call(plan_moves, values, view, *args)
-        ]
+        of = TargetsAsGiven(self.given, check.targets, known, start, volume)
+        return await self.run.worker.call(list_targets, values, view, of)
 
     async def drive(self, found: AxbcResult, camera: Mapping[str, Any], keep: Keep) -> dict[str, Any]:
         """Show the commands, and after a confirmation drive to each; the ``driven`` of the data set.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.planning import ConeRequest
+from calibration.planning import ConeRequest, Volume, beyond_volume
 from calibration.planning.planner import Checker, judged_once
 from calibration.planning.view import view_faults
 from calibration.targets import make_target
@@ -15,7 +15,7 @@ from cell.arm_model import ArmModel
 from cell.devices import Intrinsics
 from cell.errors import RefusedError, error
 from cell.formats.axbc import How
-from cell.poses import Array, from_pose6
+from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.hand_eye.plan import BoardObservation, camera_to_target
@@ -68,11 +68,57 @@ class TargetView:
 
     def fault(self, T_camera_flange: Sequence[float]) -> str | None:
         """Why the target cannot be measured with the flange there."""
-        seen = from_pose6(T_camera_flange) * from_pose6(self.T_marker_flange).inv()
         told = self.lens
         lens = Intrinsics(told["width"], told["height"], tuple(told["K"]), tuple(told["dist"]))
+        seen = self.seen(T_camera_flange)
         (fault,) = view_faults(seen, make_target(self.table).points, lens, ConeRequest.margin_px)
         return fault
+
+    def seen(self, T_camera_flange: Sequence[float]) -> RigidTransform:
+        """T_camera_target with the flange there."""
+        return from_pose6(T_camera_flange) * from_pose6(self.T_marker_flange).inv()
+
+
+@dataclass(frozen=True)
+class TargetsAsGiven:
+    """What is known of targets before anything moves.
+
+    ``given`` is T_base_camera (6,), ``known`` (n, 6) are the poses that come before, and ``start`` (6,) is
+    where the arm begins and returns to. ``volume`` is what the poses are spread over.
+    """
+
+    given: Sequence[float]
+    targets: Sequence[Sequence[float]]
+    known: Sequence[Sequence[float]]
+    start: Sequence[float]
+    volume: Volume
+
+
+def list_targets(values: RunValues, view: TargetView, of: TargetsAsGiven) -> list[dict[str, Any]]:
+    """Each target as given, in the order of the visits and then those that are left out: joints on a way that
+    was checked, or ``why`` it has none; and where it lies ``outside`` of the volume. Commands as corrected
+    are found from the poses alone."""
+    near = near_joints(values, of.given, of.targets, of.known or [of.start])
+    given = [to_pose6(T).tolist() for T in commands_as_given(of.given, of.targets)]
+    commands: list[tuple[int, How, list[float]]] = [(k, "given", T) for k, T in enumerate(given)]
+    guard, _, _ = lease_settings(values)
+    begun = from_pose6(of.given).inv() * guard.model.forward(np.array(of.start))
+    seen, points = view.seen(to_pose6(begun).tolist()), make_target(view.table).points
+    rows = []
+    for move in plan_moves(values, view, of.targets, commands, near, of.start, of.start):
+        target = of.targets[move.target]
+        rows.append(
+            {
+                "number": move.target + 1,
+                "T_camera_flange": list(target),
+                "given": move.command,
+                "q": move.q,
+                "checks": dict(move.checks),
+                "why": move.why,
+                "outside": beyond_volume(of.volume, view.seen(target), seen, points) or "",
+            }
+        )
+    return rows
 
 
 def commands_as_given(given: Sequence[float], targets: Sequence[Sequence[float]]) -> list[RigidTransform]:

@@ -162,6 +162,11 @@ def seen_text(at: SeenAtTarget | None) -> str:
     return f"{mm(at.off_m)} +- {mm(at.off_95_m)} (95 %: {common})"
 
 
+def outside_text(outside: str) -> str:
+    """Of a target that lies ``outside`` of the poses."""
+    return f"outside of the poses ({outside}), so how well it is corrected is not known"
+
+
 def _off(answer: AxbcAnswer) -> str:
     size, sigma = answer.eval, answer.eval_sigma
     return f"{mm(size.t)} +- {mm(2.0 * sigma.t)}, {deg(size.r)} +- {deg(2.0 * sigma.r)} (95 %)"
@@ -184,6 +189,7 @@ def axbc_plan_lines(plan: Mapping[str, Any]) -> list[str]:
     if rows:
         lines.append(table(TARGETS_HEADER, rows))
     lines += [f"  target {t['number']} is left out: {t['why']}" for t in targets if t["why"]]
+    lines += [f"  target {t['number']}: {outside_text(t['outside'])}" for t in targets if t.get("outside")]
     return [
         *lines,
         "corrected: not known before the poses are measured; each is checked and shown before the arm drives",

@@ -12,7 +12,7 @@ from daemon.config import CellConfig
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from tests.kit.ideal_world import ideal_text
-from tests.kit.object_cell import WHO, ObjectCell, on_disk, open_cell, write_config
+from tests.kit.object_cell import JOB, WHO, ObjectCell, on_disk, open_cell, write_config
 
 CHECK = "eye-to-hand-check"
 IDEAL = "hand_eye_to_hand:ideal"
@@ -52,7 +52,7 @@ def config(folder: Path, *, off_m: float = 0.0, scenario: str = IDEAL, **job: An
         "farthest_m": 0.7,
         **job,
     }
-    return write_config(folder, scenario, jobs={CHECK: section})
+    return write_config(folder, scenario, jobs={CHECK: section, JOB: None})
 
 
 def erring_scenario(folder: Path) -> str:
