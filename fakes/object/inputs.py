@@ -9,7 +9,9 @@ from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
+from fakes.world.beams.input_module import Image
 
+_NOTHING_READ = None, InputsState((), ())
 _HALF_RANGE = 1 << 31  # a counter that went on by more was set, not wrapped
 
 
@@ -60,11 +62,11 @@ class ObjectInputs(ObjectDevice):
         self.stream = self.inputs
         self._before: tuple[tuple[bool, ...], tuple[int, ...]] | None = None
         self._changes = (0,) * len(self.names)
-        self._last: tuple[tuple[bool, ...], tuple[int, ...], InputsState] | None = None  # what was read last
+        self._last: tuple[Image | None, InputsState] = _NOTHING_READ
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the module refuses."""
-        self._before, self._changes, self._last = None, (0,) * len(self.names), None
+        self._before, self._changes, self._last = None, (0,) * len(self.names), _NOTHING_READ
         await super().open()
         self._cell.start()
 
@@ -82,11 +84,10 @@ class ObjectInputs(ObjectDevice):
         self.input_plant.inject(kind, arguments)
 
     def _poll(self, t: float, tick: int) -> InputsState:
-        read = t + self.config.time_offset_s + self._half_s * _between(tick)
-        levels, counts = self._module.image(read)
-        last = self._last
-        if last is not None and last[0] == levels and last[1] == counts:
-            return last[2]
+        image = self._module.image(t + self.config.time_offset_s + self._half_s * _between(tick))
+        if image is self._last[0] or image == self._last[0]:
+            return self._last[1]
+        levels, counts = image
         now = tuple([levels[k] for k in self._channels]), tuple([counts[k] for k in self._channels if counts])
         if self._before is not None:
             self._changes = tuple(
@@ -95,7 +96,7 @@ class ObjectInputs(ObjectDevice):
         self._before = now
         logical = tuple([level != off for level, off in zip(now[0], self._inverted, strict=True)])
         state = InputsState(logical, self._changes)
-        self._last = levels, counts, state
+        self._last = image, state
         return state
 
     @staticmethod

@@ -26,17 +26,19 @@ _WORTH_M = 0.004  # from here on it is cheaper to wait until the tool may have c
 _UNSEEN_SEGMENTS = 16  # so many may pile up unasked: looking at them must not hold up who commands the arm
 _HISTORY_S = 60.0
 _MOST_EDGES = 4096
+_ROUNDING_S = 1e-9
 
 
 class Beams:
     """All beams of a cell; every answer is a function of time (s on the twin's clock).
 
     ``t`` is the time at the sensor's output: what the light does shows ``latency_s`` later. ``version``
-    changes when edges that had been foreseen were replaced.
+    changes when edges that had been foreseen were replaced, ``foreseen`` when anything that had been was,
+    the absence of edges included.
     """
 
     def __init__(self, beams: Mapping[str, BeamTruth], motion: ToolMotion, radii: Array, t0: float) -> None:
-        self.names, self.version = tuple(beams), 0
+        self.names, self.version, self.foreseen = tuple(beams), 0, 0
         self._index = {name: i for i, name in enumerate(self.names)}
         truths = list(beams.values())
         self._latency = [beam.latency_s for beam in truths]
@@ -70,6 +72,13 @@ class Beams:
             self._look_until(t)
         return self._dropped[i] + bisect_right(self._edges[i], t)
 
+    def quiet_until(self, name: str, t: float) -> float:
+        """When the sensor may show its next edge after ``t``, as far as has been looked ahead."""
+        i = self._index[name]
+        edges = self._edges[i]
+        k = bisect_right(edges, t - self._latency[i])
+        return (edges[k] if k < len(edges) else self._known) + self._latency[i] - _ROUNDING_S
+
     def count(self, name: str, t: float) -> int:
         """How many of them were rising: the beam was broken."""
         return (self.index(name, t) + (not self._at_first[self._index[name]])) // 2
@@ -99,6 +108,7 @@ class Beams:
         if t >= self._known:
             return
         self._judged = None
+        self.foreseen += 1
         since, speed = self._speed_since
         changed = False
         for edges in self._edges:
@@ -124,6 +134,7 @@ class Beams:
         self._room[:] = 0.0
         self._speed_since, self._judged = (self._known, 0.0), None
         self.version += 1
+        self.foreseen += 1
 
     # -- looking ahead
 

@@ -48,6 +48,12 @@ class InputChannel:
         changes = self._index(t)
         return self._level(changes), (changes + (not self._at_first)) // 2
 
+    def quiet_until(self, t: float) -> float:
+        """Until when the image at ``t`` is the same, as far as has been looked ahead."""
+        following = bisect_right(self._changes, t)
+        own = self._changes[following] if following < len(self._changes) else inf
+        return own if self._beam is None else min(own, self._beams.quiet_until(self._beam, t))
+
     def bounce(self, t: float, duration_s: float) -> None:
         """From ``t`` on the contact bounces for so long at every edge."""
         self._bounce_s.append((t, duration_s))

@@ -11,6 +11,8 @@ from fakes.world.beams.beams import Beams
 from fakes.world.beams.input_channel import InputChannel
 from fakes.world.beams.truth import CHANNELS, IoTruth
 
+Image = tuple[tuple[bool, ...], tuple[int, ...]]
+
 
 class InputModule:
     """Levels and counters of the wired channels as functions of time (s on the twin's clock).
@@ -23,6 +25,8 @@ class InputModule:
     def __init__(self, truth: IoTruth, beams: Beams, t0: float) -> None:
         self.truth = truth
         self.channels = CHANNELS[truth.module]
+        self._beams = beams
+        self._kept: tuple[float, float, int, Image] | None = None  # an image, from when to when, foreseen
         by_channel = {channel: name for name, channel in truth.inputs.items()}
         self._inputs = [
             InputChannel(beams, name, name in truth.inverted, truth.filter_s, truth.scan_s, t0)
@@ -45,9 +49,19 @@ class InputModule:
         """
         return self.image(t)[1]
 
-    def image(self, t: float) -> tuple[tuple[bool, ...], tuple[int, ...]]:
+    def image(self, t: float) -> Image:
         """What :meth:`levels` and :meth:`counts` say at ``t``."""
-        t = self._shown(t)
+        kept = self._kept
+        if kept is not None and kept[0] <= t < kept[1] and kept[2] == self._beams.foreseen:
+            return kept[3]
+        found = self._image(self._shown(t))
+        # Polls come by the hundred between two edges.
+        if len(self._frozen) == 1:
+            until = min((channel.quiet_until(t) for channel in self._inputs), default=inf)
+            self._kept = t, until, self._beams.foreseen, found
+        return found
+
+    def _image(self, t: float) -> Image:
         both = [channel.image(t) for channel in self._inputs]
         levels = tuple([level for level, _ in both])
         if not self.truth.counters:
@@ -62,16 +76,19 @@ class InputModule:
 
     def stick(self, t: float, level: bool | None, beam: str | None = None) -> None:
         """From ``t`` on the input of ``beam``, or every one, is on or off whatever happens; None frees it."""
+        self._kept = None
         for channel in self._chosen(beam):
             channel.stick(t, level)
 
     def bounce(self, t: float, duration_s: float) -> None:
         """From ``t`` on every contact bounces for so long at every edge."""
+        self._kept = None
         for channel in self._inputs:
             channel.bounce(t, duration_s)
 
     def preset(self, t: float, value: int) -> None:
         """From ``t`` on all counters go on from ``value``."""
+        self._kept = None
         now = self._shown(t)
         self._presets.append((now, tuple(value - channel.count(now) for channel in self._inputs)))
 
@@ -82,6 +99,7 @@ class InputModule:
 
     def freeze(self, t: float, frozen: bool) -> None:
         """From ``t`` on the module shows what it has, or lives again."""
+        self._kept = None
         if frozen != self._frozen[-1][1]:
             self._frozen.append((t, frozen))
 

@@ -30,7 +30,7 @@ Scene = Callable[[ObjectInputs], Coroutine[Any, Any, Any]]
 class Sensors:
     """Beams that do what a list says: times at which each level changes, from clear at first."""
 
-    version = 0
+    version = foreseen = 0
 
     def __init__(self, **changes: list[float]) -> None:
         self.changes = changes
@@ -43,6 +43,9 @@ class Sensors:
 
     def edges(self, name: str, t0: float, t1: float) -> list[tuple[float, bool]]:
         return [(t, k % 2 == 0) for k, t in enumerate(self.changes[name]) if t0 < t <= t1]
+
+    def quiet_until(self, name: str, t: float) -> float:
+        return next((change for change in self.changes[name] if change > t), inf)
 
 
 def module(changes: list[float], **truth: Any) -> InputModule:
@@ -122,7 +125,31 @@ def test_asked_out_of_order_it_says_the_same() -> None:
         assert (wild.levels(t), wild.counts(t)) == expected[t]
 
 
+def test_an_image_that_is_asked_for_again_and_again_is_that_of_its_time() -> None:
+    pulses = [t for k in range(60) for t in (0.1 + 0.1 * k, 0.15 + 0.1 * k)]
+    for truth in ({}, {"filter_s": 0.001, "scan_s": 0.003}, {"bounce_s": 0.004}, {"filter_s": 0.06}):
+        often, other = module(pulses, **truth), module(pulses, **truth)
+        for t in np.arange(0.0, 7.0, 0.0017).tolist():
+            assert often.image(t) == (other.levels(t), (other._inputs[0].count(t),))
+
+
 # -- its faults
+
+
+def test_an_image_shows_a_fault_as_soon_as_it_begins() -> None:
+    subject = module([0.5])
+    assert subject.image(1.0) == ((True,), (1,))
+    subject.stick(1.1, False)
+    assert subject.image(1.2) == ((False,), (1,))
+    subject.stick(1.3, None)
+    assert subject.image(1.4) == ((True,), (2,))
+    subject.preset(1.5, 7)
+    assert subject.image(1.6) == ((True,), (7,))
+    subject.freeze(1.7, True)
+    subject.stick(1.8, False)
+    assert subject.image(1.9) == ((True,), (7,))
+    subject.freeze(2.0, False)
+    assert subject.image(2.1) == ((False,), (7,))
 
 
 def test_a_stuck_contact_keeps_its_level_and_jumps_back_when_it_is_freed() -> None:
@@ -272,6 +299,24 @@ def test_every_poll_reaches_a_subscriber_and_the_brackets_enclose_the_true_edges
             assert abs(edge.t - t) <= edge.dt
             assert edge.dt == pytest.approx(0.00275, abs=1e-6)
         assert edges(seen, 1) == []
+
+    subject(scene)
+
+
+def test_polls_see_a_way_that_is_commanded_after_a_long_rest(subject: Callable[..., Any]) -> None:
+    async def scene(inputs: ObjectInputs) -> None:
+        ended = cross(inputs)
+        for _ in range(3):
+            await polls(inputs, ended + 1.0)
+            begin, ended = inputs.clock.now(), cross(inputs)
+            await polls(inputs, ended - 0.5)
+            ended = inputs.world.track.stop_linear(inputs.clock.now(), 2.0)
+            seen = inputs.inputs.between(begin, inputs.clock.now())
+            truth = inputs.world.beams.edges("xs", begin, seen[-1].t)
+            assert len(truth) == 2
+            for edge, (t, rising) in zip(edges(seen, 0), truth, strict=True):
+                assert edge.rising is rising
+                assert abs(edge.t - t) <= edge.dt
 
     subject(scene)
 
