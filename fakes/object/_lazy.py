@@ -6,6 +6,7 @@ stream filled, sample by sample; otherwise a reader gets exactly those that woul
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 from cell.clock import Clock
@@ -82,12 +83,14 @@ class LazyStream(Stream[T]):
         """Make every sample that is due."""
         if self._filling or self._silent or not self._running:
             return
+        due = self._due()
+        if self._tick >= due:
+            return
         self._filling = True
         try:
-            due = self._due()
             if not self._listeners and self._tick < due - self._backfill:
                 self._tick = due - self._backfill
-                self._newest_t = self._origin + (self._tick - 1) * self.period_s  # not asked for is no gap
+                self._newest_t = self.time_of(self._tick - 1)  # not asked for is no gap
             while self._tick < due:
                 t = self._origin + self._tick * self.period_s
                 self.push(Sample(self._make(t, self._tick), t, self._dt, self._seq, self.quality))
@@ -99,6 +102,10 @@ class LazyStream(Stream[T]):
         """How many ticks are over by now."""
         age = self.clock.now() - self._delay_s - self._origin
         return int(age / self.period_s + 1e-6) + 1 if age >= -1e-9 else 0
+
+    def time_of(self, tick: int) -> float:
+        """The stamp of a tick of this connection."""
+        return self._origin + tick * self.period_s
 
     # -- the reader's side
 
@@ -131,23 +138,25 @@ class LazyStream(Stream[T]):
         return super().at(t, interpolate, max_bracket)
 
     def _keep_filled(self) -> None:
-        if self._ticks is None and (due := self._next_due()) is not None:
+        if self._ticks is None and self._is_awaited:
             loop = asyncio.get_running_loop()
             if not isinstance(loop, VirtualTimeLoop):
                 raise TypeError(f"{self.name} lives on virtual time, and this loop has none")
-            self._ticks = loop.call_repeatedly(due, self._on_tick)
+            self._ticks = loop.call_repeatedly(self._next_due(loop), partial(self._on_tick, loop))
 
-    def _on_tick(self) -> float | None:
+    def _on_tick(self, loop: VirtualTimeLoop) -> float | None:
         ticks = self._ticks
         self.fill()
-        return self._next_due() if self._ticks is ticks else None
+        return self._next_due(loop) if self._ticks is ticks and self._is_awaited else None
 
-    def _next_due(self) -> float | None:
+    @property
+    def _is_awaited(self) -> bool:
+        return self._running and not self._silent and bool(self._listeners)
+
+    def _next_due(self, loop: VirtualTimeLoop) -> float:
         """The loop's time of the next sample that a listener waits for."""
-        if not self._running or self._silent or not self._listeners:
-            return None
         wait = self._origin + self._tick * self.period_s + self._delay_s - self.clock.now()
-        return asyncio.get_running_loop().time() + max(wait, 0.0)
+        return loop.time() + (wait if wait > 0.0 else 0.0)
 
     def _end_ticks(self) -> None:
         if self._ticks is not None:

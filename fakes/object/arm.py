@@ -10,15 +10,15 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, StartsPrograms, ToolSettings
-from cell.errors import error
+from cell.errors import error, present
 from cell.formats.reading import Strict
-from cell.poses import to_pose6
+from cell.poses import Array, to_pose6
+from fakes.object._ahead import Ahead, ticks_ahead
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.controller import Controller, Program
 from fakes.object.motion import ObjectMotionPort
 from fakes.object.registry import cell_of
-from fakes.world.arm.kinematics import rotation_vector
 from fakes.world.arm.segments import Segment
 
 OPEN_TIMEOUT_S = 1.0
@@ -59,6 +59,7 @@ class ObjectArm(ObjectDevice):
         self.connections = 0  # so many were made
         self._tcp = RigidTransform.identity(), np.eye(4), np.zeros(6)  # of the newest sample
         self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
+        self._ahead: Ahead | None = None
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the controller refuses."""
@@ -165,7 +166,7 @@ class ObjectArm(ObjectDevice):
         if self.lost is not None:
             raise error(self.lost.name, self.lost.detail)
 
-    def _state_at(self, t: float, _tick: int) -> ArmState:
+    def _state_at(self, t: float, tick: int) -> ArmState:
         c, track = self.controller, self.world.track
         segment = track.segment_at(t)
         modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
@@ -176,22 +177,21 @@ class ObjectArm(ObjectDevice):
                 digital_in=self.world.arm_digital_in(t),
                 speed_scaling=c.speed_fraction,
             )
-        state = self._measure(t)
+        state = self._measure(t, tick, segment)
         if t >= segment.t_end and self.world.reported.exact:
             self._resting = (segment, modes, state)
         return state
 
-    def _measure(self, t: float) -> ArmState:
+    def _measure(self, t: float, tick: int, segment: Segment) -> ArmState:
         c = self.controller
-        q, qd = self.world.reported.joints(t, *self.world.track.at(t))
         if self._tcp[0] is not c.T_flange_tcp:
-            self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
+            offset = to_pose6(c.T_flange_tcp)
+            offset.flags.writeable = False
+            self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), offset
         _, T_flange_tcp, tcp_offset6 = self._tcp
-        T = self.world.believed.matrix(q) @ T_flange_tcp
-        tcp_pose6 = np.concatenate([T[:3, 3], rotation_vector(T[:3, :3])])
+        q, qd, tcp_pose6 = self._told(t, tick, segment, T_flange_tcp)
         force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
-        for array in (q, qd, tcp_offset6, tcp_pose6, force):
-            array.flags.writeable = False
+        force.flags.writeable = False
         return ArmState(
             q=q,
             qd=qd,
@@ -206,3 +206,16 @@ class ObjectArm(ObjectDevice):
             stamp=c.stamp(t),
             speed_scaling=c.speed_fraction,
         )
+
+    def _told(self, t: float, tick: int, segment: Segment, T_flange_tcp: Array) -> list[Array]:
+        """Joints, joint speeds and the TCP's pose, of this tick and those after it together."""
+        ahead = self._ahead
+        if ahead is not None and ahead.segment is segment and ahead.T_flange_tcp is T_flange_tcp:
+            told = ahead.at(t)
+            if told is not None:
+                return told
+        ticks = ticks_ahead(segment, t, self.config.state_period_s)
+        self._ahead = ahead = Ahead(
+            self.world, segment, T_flange_tcp, [t, *(self.state.time_of(tick + k) for k in range(1, ticks))]
+        )
+        return present(ahead.at(t), "time that was foreseen")

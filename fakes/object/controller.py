@@ -68,6 +68,8 @@ class Controller(Plant):
 
     def safety_error(self, robot_mode: int, safety_mode: int) -> CellError | None:
         """The coded error that these modes mean, or None while the arm may move."""
+        if safety_mode == SafetyMode.NORMAL and robot_mode == RUNNING:
+            return None
         seen = f"{self.name}: safety mode {safety_mode}, robot mode {robot_mode}"
         if safety_mode in (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP):
             return error("ARM_EMERGENCY_STOP", seen)

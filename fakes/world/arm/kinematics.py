@@ -279,8 +279,9 @@ def rotation_vector(R: Array) -> Array:
 def rotation_vector_of(rows: list[list[float]]) -> list[float]:
     """Of a rotation matrix's rows, rad, by its quaternion (Shepperd 1978): exact at half turns too, and much
     faster than a general library where every control cycle asks."""
-    trace = rows[0][0] + rows[1][1] + rows[2][2]
-    i = max(range(3), key=lambda k: rows[k][k])
+    a, b, c = rows[0][0], rows[1][1], rows[2][2]
+    trace = a + b + c
+    i = 0 if a >= b and a >= c else 1 if b >= c else 2
     if trace > rows[i][i]:
         w = 1.0 + trace
         v = [rows[2][1] - rows[1][2], rows[0][2] - rows[2][0], rows[1][0] - rows[0][1]]

@@ -3,6 +3,7 @@
 All of it is a function of time and of the seed, so that two looks at one cycle agree.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +33,13 @@ class Reported:
             return q, qd
         draw = self._draws[int(t / _CYCLE_S) % _CYCLES]
         return q + self._truth.q_noise_rad * draw[:6], qd + self._truth.qd_noise_rad_s * draw[6:]
+
+    def joints_at(self, times: Sequence[float], q: Array, qd: Array) -> tuple[Array, Array]:
+        """The same of many times (n,): joints and speeds (n, 6)."""
+        if self.exact:
+            return q, qd
+        draws = self._draws[[int(t / _CYCLE_S) % _CYCLES for t in times]]
+        return q + self._truth.q_noise_rad * draws[:, :6], qd + self._truth.qd_noise_rad_s * draws[:, 6:]
 
     def force(self, t: float) -> Array:
         """Force and moment (6,) that the sensor shows without a contact."""

@@ -1,5 +1,7 @@
 """A segment of the track at many times in one call, and how fast its joints turn at most."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cell.poses import Array
@@ -32,6 +34,37 @@ def joints(segment: Segment, times: Array) -> Array:
                 q = q * tau + c
             return q
     return np.array([segment.at(float(t))[0] for t in times])
+
+
+def states(segment: Segment, times: Sequence[float]) -> tuple[Array, Array]:
+    """Joints and joint speeds, (n, 6) each, at ``times`` (n,): bit by bit what the track has.
+
+    ``segment`` is in force at all of them, or is the oldest that is known."""
+    if times[0] < segment.t0:
+        q = segment.at(segment.t0)[0]
+        return np.tile(q, (len(times), 1)), np.zeros((len(times), len(q)))
+    match segment:
+        case JointMove() if segment.profile.length > 0.0:
+            s, v = _along(segment, times)
+            per_length = (segment.q1 - segment.q0) / segment.profile.length
+            under_way = s < segment.profile.length
+            q = np.where(under_way, segment.q0 + per_length * s, segment.q1)
+            return q, np.where(under_way, per_length * v, 0.0)
+        case PathMove():
+            s, v = _along(segment, times)
+            knots = segment.knots
+            i = np.clip(np.searchsorted(knots, s[:, 0], side="right") - 1, 0, len(knots) - 2)
+            c3, c2, c1, c0 = segment.coefficients[:, i]
+            x = s - knots[i][:, None]
+            return ((c3 * x + c2) * x + c1) * x + c0, ((3.0 * c3 * x + 2.0 * c2) * x + c1) * v
+    q, qd = zip(*[segment.at(t) for t in times], strict=True)
+    return np.array(q), np.array(qd)
+
+
+def _along(segment: JointMove | PathMove, times: Sequence[float]) -> tuple[Array, Array]:
+    """Distance and speed on the way, (n, 1) each."""
+    both = np.array([segment.profile.at(t - segment.begun) for t in times])
+    return both[:, :1], both[:, 1:]
 
 
 def fastest(segment: Segment) -> Array:

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
-from cell.devices import MotionPort, Speed, ToolSettings, TrajectoryPiece
+from cell.devices import ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.poses import from_pose6
+from cell.samples import Sample
 from fakes.object import ObjectArm, VirtualClock, cell_of, run_virtual, world_of
 from tests.kit.ideal_world import ideal_text
 
@@ -284,6 +286,43 @@ def test_samples_made_late_show_the_past_as_it_was(subject: Callable[[Scene], An
         assert modes == {(False, 1), (True, 3)}
 
     subject(scene)
+
+
+@pytest.mark.parametrize("scenario", ["hand_eye:ideal", "hand_eye"])
+def test_samples_tell_what_the_arm_did_bit_by_bit_whatever_was_planned_before(scenario: str) -> None:
+    async def scene() -> None:
+        arm = arm_on(VirtualClock(), scenario)
+        await arm.open()
+        world, samples = arm.world, list[Sample[ArmState]]()
+        arm.state.subscribe(samples.append)
+        q = world.track.at(arm.clock.now())[0]
+        for k in range(4):
+            now = arm.clock.now()
+            world.track.start_joint_move(now, q + 0.3 * (-1) ** k, 0.5, 2.0)
+            await arm.clock.sleep(0.437)
+            now = arm.clock.now()
+            line = world.believed_flange(now)
+            goal = RigidTransform.from_translation([0.0, 0.02, 0.01]) * line
+            await arm.clock.sleep(world.track.stop_joint(now, 3.0) - now)
+            await arm.take_tool(ToolSettings(from_pose6([0.0, 0.01 * k, 0.18, 0.1, 0.0, 0.0]), 1.2))
+            world.track.start_linear_move(
+                arm.clock.now(), world.believed, goal, RigidTransform.identity(), 0.1, 0.5
+            )
+            await arm.clock.sleep(0.523)
+            world.track.halt(arm.clock.now(), 5.0)
+            await arm.clock.sleep(0.3)
+            for sample in samples:
+                state = sample.value
+                q_true, qd_true = world.reported.joints(sample.t, *world.track.at(sample.t))
+                assert np.array_equal(state.q, q_true)
+                assert np.array_equal(state.qd, qd_true)
+                told = world.believed.matrix(q_true) @ from_pose6(state.tcp_offset6).as_matrix()
+                assert from_pose6(state.tcp_pose6).as_matrix() == pytest.approx(told, abs=1e-14)
+            assert len(samples) > 100
+            samples.clear()
+        await arm.close()
+
+    run_virtual(scene())
 
 
 def test_two_runs_give_the_same_samples_bit_by_bit() -> None:

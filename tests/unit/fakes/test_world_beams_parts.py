@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from fakes.world.arm.distance import to_segments
 from fakes.world.arm.profile import Trapezoid
 from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, Polynomial, Segment
-from fakes.world.arm.sweep import fastest, joints
+from fakes.world.arm.sweep import fastest, joints, states
 from fakes.world.arm.track import Track
 from tests.kit.beam_scene import ARM, Q0, TOOL, segments_apart
 
@@ -82,6 +82,17 @@ def test_many_times_at_once_are_the_same_joints_and_no_joint_is_faster_than_said
         )
     if not isinstance(segment, Polynomial):  # whose bound is a sum
         assert np.all(limit <= 1.3 * speeds + 1e-2)
+
+
+@pytest.mark.parametrize("kind", range(8))
+@pytest.mark.parametrize("count", [1, 2, 16])
+def test_states_at_many_times_are_those_of_single_ones_bit_by_bit(kind: int, count: int) -> None:
+    segment = segments()[kind]
+    end = min(segment.t_end, segment.t0 + 3.0) + 0.1
+    times = np.linspace(segment.t0, end, 160).tolist()
+    single = [np.stack(segment.at(t)) for t in times]
+    found = [states(segment, times[k : k + count]) for k in range(0, len(times), count)]
+    assert np.array_equal(np.concatenate([np.stack(each, axis=1) for each in found]), single)
 
 
 def test_no_point_of_the_tool_is_faster_than_levers_and_joint_speeds_allow() -> None:
