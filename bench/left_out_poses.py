@@ -179,11 +179,11 @@ def _without(capture: Capture, out: NDArray[np.int64]) -> WithoutSome:
         F, view = loaded.F[rows[k]], loaded.views[rows[k]]
         left = np.zeros((6, 6))
         if isinstance(arm, SharedErrors):
-            terms = arm.terms(F[None])
             sizes = np.repeat(arm.sizes(found.components.scale), 3)
             left = float(arm.unexplained(F[None])[0]) * np.diag(sizes**2)
-            columns = np.concatenate([t.columns for t in terms.values()], axis=2)
-            error = columns @ found.numbers[: columns.shape[2]]
+            twists = arm.twists(F[None])
+            columns = twists.columns(slice(0, 1))
+            error = columns @ found.numbers[: twists.numbers]
         elif capture.arm is not None:
             error, columns = flange_errors(found, arm, capture.arm.Q[k : k + 1])
         if view is not None:

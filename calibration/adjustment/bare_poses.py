@@ -7,8 +7,8 @@ import numpy as np
 
 from calibration.adjustment.components import Components
 from calibration.adjustment.equations import Equations
-from calibration.adjustment.hand_eye import excess_of, left_out, solved
-from calibration.adjustment.jackknife import Checked, checked
+from calibration.adjustment.hand_eye import excess_of, observed, solved
+from calibration.adjustment.jackknife import Checked, checked, jackknife
 from calibration.adjustment.lens_terms import ImageTerms
 from calibration.adjustment.mount import Mounted, on_true_arm
 from calibration.adjustment.shared_errors import SharedErrors
@@ -33,11 +33,13 @@ def adjust_poses(solution: Solution, arm: ArmKnown | SharedErrors | None) -> Mou
         solution.noise.most,
     )
     n = problem.n
-    images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((n, 0, 0)), np.zeros((n, 0)))
+    images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((0, 0)), np.zeros(0))
     state, eq = solved(of, AdjustedState(problem, solution.at, none, none, components), images, estimates=2)
-    excess = excess_of(of, state, images)
+    obs, x0 = observed(of, state, images)
+    excess = excess_of(obs, state.components)
     joint = _joint(eq)
-    opinion: Checked = checked(joint[:6, :6], left_out(of, state, images), excess)
+    leaving_out = jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
+    opinion: Checked = checked(joint[:6, :6], leaving_out, excess)
     cov = excess * joint
     cov[:6, :6] = opinion.cov
     found = Mounted(state.at.X, state.at.W[0], state.numbers, cov, dict(state.components.scale))

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.adjustment.equations import Equations, Observations, Prior, equations, row_blocks
+from calibration.adjustment.equations import Equations, Observations, Prior, equations
+from calibration.hand_eye.normal import row_blocks
 from cell.poses import Array
 
 SCALE_FACTOR = 3.0  # a scale by evidence lies within this factor of one at one standard deviation
@@ -114,8 +115,11 @@ def evidence(obs: Observations, prior: Prior, at: Array, now: Components) -> flo
     prior enters with its size, so sets of unknowns can be compared by it.
     """
     eq = now.equations(obs, prior, at)
-    x, w = eq.step()
-    r = obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group])
+    x, _ = eq.step()
+    of_noise = 0.0
+    for rows in row_blocks(obs.n):
+        r = eq.left(obs, rows, eq.follows(obs, rows), x)
+        of_noise += float(np.einsum("ni,nij,nj->", r, eq.weight[rows], r, optimize=True))
     precision = prior.scaled(dict(now.scale)).precision
     stated = precision > 0.0
     sizes: float = (
@@ -125,7 +129,7 @@ def evidence(obs: Observations, prior: Prior, at: Array, now: Components) -> flo
         + float(np.sum(np.log(precision[stated])))
     )
     squares: float = (
-        float(np.einsum("ni,nij,nj->", r, eq.weight, r, optimize=True))
+        of_noise
         + obs.squares(x) / now.variance_of_sums
         + float(precision @ (at + x - prior.mean) ** 2)
         + sum(float(np.log(s) / np.log(SCALE_FACTOR)) ** 2 for s in now.scale.values())
@@ -141,26 +145,20 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
     """
     eq = now.equations(obs, prior, at)
     cov = np.where(np.isfinite(eq.covariance), eq.covariance, 0.0)
-    x, w = eq.step()
-    Pr = (
-        eq.weight
-        @ (obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group]))[..., None]
-    )
-    fitted = np.empty_like(eq.weight)
-    for rows in row_blocks(obs.n):
-        follows = eq.follows(obs, rows)
-        carried = (follows.reshape(-1, len(cov)) @ cov).reshape(follows.shape)
-        fitted[rows] = carried @ np.swapaxes(follows, 1, 2)
-    fitted += obs.of_local @ eq.inverse[obs.group] @ np.swapaxes(obs.of_local, 1, 2)
-    R = eq.weight - eq.weight @ fitted @ eq.weight
+    x, _ = eq.step()
     square = np.array([s**2 for s in now.sigma.values()])
-    V = obs.parts * square[:, None, None, None]
-    RV = R @ V
     k, every = len(square), len(square) + len(now.scale)
     score, metric = np.zeros(every), np.zeros((every, every))
-    quadratic = np.einsum("nix,knij,njx->k", Pr, V, Pr, optimize=True)
-    score[:k] = 0.5 * (quadratic - np.einsum("knii->k", RV))
-    metric[:k, :k] = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
+    for rows in row_blocks(obs.n):
+        follows, L, P = eq.follows(obs, rows), obs.of_local[rows], eq.weight[rows]
+        Pr = P @ eq.left(obs, rows, follows, x)[..., None]
+        carried = (follows.reshape(-1, len(cov)) @ cov).reshape(follows.shape)
+        fitted = carried @ np.swapaxes(follows, 1, 2)
+        fitted += L @ eq.inverse[obs.group[rows]] @ np.swapaxes(L, 1, 2)
+        V = obs.parts[:, rows] * square[:, None, None, None]
+        RV = (P - P @ fitted @ P) @ V
+        score[:k] += 0.5 * (np.sum(Pr * (V @ Pr), axis=(1, 2, 3)) - np.einsum("knii->k", RV))
+        metric[:k, :k] += 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
     if now.of_sums in now.sigma:
         i = list(now.sigma).index(now.of_sums)
         left = obs.squares(x) / now.variance_of_sums

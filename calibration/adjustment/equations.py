@@ -8,15 +8,25 @@ number of groups.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye.noise import inverse_spd
+from calibration.hand_eye.normal import row_blocks
 from cell.poses import Array
 
-_BLOCK = 250  # observations
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
+
+
+class ByRows(Protocol):
+    """(n, d, m) numbers of which some rows at a time are asked for: an array, or what makes them then."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, rows: slice, /) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -31,7 +41,7 @@ class Observations:
     """
 
     r: Array
-    of_global: Array
+    of_global: ByRows
     of_local: Array
     group: NDArray[np.int64]
     parts: Array
@@ -54,6 +64,15 @@ class Observations:
             pull=A @ r,
             sse=float(r @ r),
             dof=float(len(r)),
+        )
+
+    def of_unknowns(self, which: NDArray[np.int64]) -> "Observations":
+        """With some of the global unknowns alone; of observations that are sums alone."""
+        return replace(
+            self,
+            of_global=np.zeros((0, 1, len(which))),
+            info=self.info[np.ix_(which, which)],
+            pull=self.pull[which],
         )
 
     def squares(self, x: Array) -> float:
@@ -146,6 +165,12 @@ class Equations:
         """(k, d, m) derivatives of some residuals by the global unknowns, whose local poses follow."""
         return np.asarray(obs.of_global[rows] - obs.of_local[rows] @ self.carry[obs.group[rows]])
 
+    def left(self, obs: Observations, rows: slice, follows: Array, x: Array) -> Array:
+        """(k, d) of some residuals after the change ``x`` (m,), whose derivatives are ``follows``."""
+        local = self.local[obs.group[rows]]
+        out: Array = obs.r[rows] - (obs.of_local[rows] @ local[..., None])[..., 0] + follows @ x
+        return out
+
     def local_covariance(self) -> Array:
         """(g, 6, 6) of the local poses."""
         out: Array = self.inverse + self.carry @ self.covariance @ np.swapaxes(self.carry, 1, 2)
@@ -183,8 +208,3 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
     N += obs.info / variance_of_sums + np.diag(prior.precision)
     g += obs.pull / variance_of_sums + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
-
-
-def row_blocks(n: int) -> list[slice]:
-    """Of n observations some hundred at a time: with 100 unknowns a product of theirs takes 5 MB."""
-    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.adjustment.arm_about import ArmAbout
 from calibration.adjustment.components import Components, estimated, with_mean_scales
 from calibration.adjustment.equations import Equations, Observations
-from calibration.adjustment.jackknife import Checked, Jackknife, checked, jackknife
+from calibration.adjustment.jackknife import Checked, checked, jackknife
 from calibration.adjustment.lens_terms import (
     ImageTerms,
     LensPrior,
@@ -25,6 +25,7 @@ from calibration.adjustment.lens_terms import (
     target_shape,
 )
 from calibration.adjustment.shared_errors import PLACE, SharedErrors
+from calibration.adjustment.twists import StoredTwists
 from calibration.adjustment.unknowns import (
     LENS_BLOCK,
     NOISE,
@@ -157,7 +158,8 @@ def adjust(
         if anew is None:
             base[of.arm] = state.base[of.arm]
         else:
-            of, state = replace(of, flange=anew.columns), replace(state, problem=anew.problem)
+            of = replace(of, flange=StoredTwists(anew.columns))
+            state = replace(state, problem=anew.problem)
         if images_follow:
             base[of.images] = state.base[of.images]
         else:
@@ -167,12 +169,12 @@ def adjust(
             again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
             state = replace(state, problem=again_seen)
         state = replace(state, base=base)
-    obs, x0 = _at(of, state, images)
+    obs, x0 = observed(of, state, images)
     if isinstance(arm, ArmKnown) and free:  # few poses tell its scales to some ten per cent
         components = with_mean_scales(obs, of.prior, x0, state.components)
         state, eq = solved(of, replace(state, components=components), images, estimates=0)
-        obs, x0 = _at(of, state, images)
-    excess = excess_of(of, state, images)
+        obs, x0 = observed(of, state, images)
+    excess = excess_of(obs, state.components)
     by_jackknife = jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
     cov = eq.covariance
     by_leaving_out = checked(cov[:6, :6], by_jackknife, excess)
@@ -317,24 +319,15 @@ def _step(
     return replace(state, at=moved, numbers=state.numbers + x[6:], components=components), eq, x[:6]
 
 
-def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Jackknife:
-    """Of X, by leaving out observations."""
-    obs, x0 = _at(of, state, images)
-    return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
-
-
-def _at(of: Unknowns, state: AdjustedState, images: ImageTerms) -> tuple[Observations, Array]:
+def observed(of: Unknowns, state: AdjustedState, images: ImageTerms) -> tuple[Observations, Array]:
     """The observations at ``state``, and where the global unknowns are."""
     obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
     return obs, np.concatenate([np.zeros(6), state.numbers])
 
 
-def excess_of(of: Unknowns, state: AdjustedState, images: ImageTerms) -> float:
+def excess_of(obs: Observations, components: Components) -> float:
     """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
-    lin = linearise(moved_problem(of, state, images.moves), state.at)
-    obs = observations(of, state, images, lin)
-    weight = inverse_spd(state.components.variances(obs.parts))
-    return excess_over(lin, weight)
+    return excess_over(obs.r, inverse_spd(components.variances(obs.parts)), obs.groups)
 
 
 def numbered_alike(

@@ -43,7 +43,7 @@ def explained_by_parts(
     now, seen = camera, list(views)
     for _ in range(_ROUNDS):
         terms = image_terms(seen, C, now, shape)
-        info, pull = terms.info.sum(axis=0)[np.ix_(free, free)], terms.pull.sum(axis=0)[free]
+        info, pull = terms.info[np.ix_(free, free)], terms.pull[free]
         N = info / sigma_px**2 + np.diag(precision)
         numbers[free] -= np.linalg.solve(N, pull / sigma_px**2 + precision * numbers[free])
         now = moved_camera(camera, numbers[: len(LENS)])

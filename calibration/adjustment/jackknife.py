@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.adjustment.components import Components
-from calibration.adjustment.equations import Equations, Observations, row_blocks
+from calibration.adjustment.equations import Equations, Observations
+from calibration.hand_eye.normal import row_blocks
 from cell.poses import Array
 
 _CHANCE = 1e-3  # of enlarging where noise is as its levels have it

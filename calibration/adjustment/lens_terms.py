@@ -6,7 +6,7 @@ number matter for a hand-eye result.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -75,8 +75,8 @@ def target_prior(target: Mapping[str, Any]) -> TargetPrior:
 
 @dataclass(frozen=True)
 class ImageTerms:
-    """Of n images, over c numbers: ``moves`` (n, 6, c) the pose from the left, ``info`` (n, c, c) and
-    ``pull`` (n, c) curvature and gradient of half the squared pixel residuals at the best pose."""
+    """Of n images, over c numbers: ``moves`` (n, 6, c) the pose from the left, ``info`` (c, c) and ``pull``
+    (c,) curvature and gradient of half the squared pixel residuals of all images at their best poses."""
 
     moves: Array
     info: Array
@@ -96,13 +96,14 @@ def image_terms(
     up to zero, and over thousands of images that draws what is hardly known: arm, target and camera that are
     larger together. The poses that all images together predict have no such noise.
     """
-    parts = [
-        _of_few(views[k], C[k], camera, shape, None if predicted is None else predicted[k])
-        for k in blocks(len(views))
-    ]
-    return ImageTerms(
-        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ImageTerms))
-    )
+    moves = np.empty((len(views), 6, NUMBERS))
+    info, pull = np.zeros((NUMBERS, NUMBERS)), np.zeros(NUMBERS)
+    for k in blocks(len(views)):
+        few = _of_few(views[k], C[k], camera, shape, None if predicted is None else predicted[k])
+        moves[k] = few.moves
+        info += few.info
+        pull += few.pull
+    return ImageTerms(moves, info, pull)
 
 
 def _of_few(
@@ -122,7 +123,8 @@ def _of_few(
     moves = np.asarray(-np.linalg.solve(gram[:, :6, :6], gram[:, :6, 6:-1]), dtype=float)
     info = gram[:, 6:-1, 6:-1] + gram[:, 6:-1, :6] @ moves
     pull = -gram[:, 6:-1, -1] - (np.swapaxes(moves, 1, 2) @ gram[:, :6, -1:])[..., 0]
-    return ImageTerms(moves, 0.5 * (info + np.swapaxes(info, 1, 2)), pull)
+    whole = info.sum(axis=0)
+    return ImageTerms(moves, 0.5 * (whole + whole.T), pull.sum(axis=0))
 
 
 @dataclass(frozen=True)

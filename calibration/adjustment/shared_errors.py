@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.adjustment.arm_terms import ArmPrior, ArmTerms
+from calibration.adjustment.arm_terms import ArmPrior
+from calibration.adjustment.twists import FunctionTwists
+from calibration.hand_eye.normal import row_blocks
 from cell.poses import Array
 
 PLACE, ATTITUDE = "flange_t", "flange_r"
@@ -65,31 +67,28 @@ class SharedErrors:
 
     def functions(self, F: Array) -> Array:
         """(n, c) at flange poses ``F`` (n, 4, 4); unlike poses share nothing, so they fall to zero there."""
-        out: Array = _correlation(F, self.centres, self.reach) @ self.mixed
+        out = np.empty((len(F), self.mixed.shape[1]))
+        for rows in row_blocks(len(F)):
+            out[rows] = _correlation(F[rows], self.centres, self.reach) @ self.mixed
         return out
 
     def unexplained(self, F: Array) -> Array:
         """(n,) share of an error's variance at ``F`` (n, 4, 4) that the functions do not have."""
         return np.asarray(np.maximum(0.0, 1.0 - np.sum(self.functions(F) ** 2, axis=1)))
 
-    def terms(self, F: Array) -> dict[str, ArmTerms]:
-        """Blocks of place and attitude at flange poses ``F`` (n, 4, 4)."""
-        values = self.functions(F)
-        n, count = values.shape
-        moved = (np.swapaxes(F[:, :3, :3], 1, 2)[..., None] * values[:, None, None]).reshape(n, 3, 3 * count)
-        moved = np.concatenate([moved, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
-        none = np.zeros_like(moved)
+    def blocks(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Names and prior standard deviations of the numbers of place and attitude."""
+        count = self.mixed.shape[1]
         names = [f"{axis}.{k}" for axis in "xyz" for k in range(count)] + [f"flange.{axis}" for axis in "xyz"]
         share = np.repeat([1.0, _ALIKE], [3 * count, 3])
         return {
-            block: ArmTerms(
-                tuple(f"{block}.{name}" for name in names),
-                self.sigma[block] * share,
-                np.concatenate(halves, axis=1),
-                np.zeros((12, len(names))),
-            )
-            for block, halves in ((PLACE, (moved, none)), (ATTITUDE, (none, moved)))
+            block: (tuple(f"{block}.{name}" for name in names), self.sigma[block] * share)
+            for block in (PLACE, ATTITUDE)
         }
+
+    def twists(self, F: Array) -> FunctionTwists:
+        """By the numbers of :meth:`blocks`, at flange poses ``F`` (n, 4, 4)."""
+        return FunctionTwists(self.functions(F), F[:, :3, :3])
 
 
 def shared_errors(F: Array, prior: ArmPrior | None = None) -> SharedErrors:

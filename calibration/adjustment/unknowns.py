@@ -17,9 +17,10 @@ from calibration.adjustment.arm_terms import (
     without_gauge,
 )
 from calibration.adjustment.components import Components
-from calibration.adjustment.equations import Equations, Observations, Prior, row_blocks
+from calibration.adjustment.equations import Equations, Observations, Prior
 from calibration.adjustment.lens_terms import LENS, TARGET, ImageTerms, LensPrior, TargetPrior
 from calibration.adjustment.shared_errors import ATTITUDE, PLACE, SharedErrors
+from calibration.adjustment.twists import StoredTwists, Twists
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import shapes
 from calibration.hand_eye.normal import Linearised
@@ -29,6 +30,7 @@ from cell.poses import Array
 
 GEOMETRY, GEARS, LENS_BLOCK, TARGET_BLOCK = "geometry", "gears", "lens", "target"
 NOISE = "noise"  # in a budget: what no block explains
+_MANY = 1000  # observations of which derivatives are not kept; of so many they take 6 MB
 
 
 @dataclass(frozen=True)
@@ -49,22 +51,22 @@ class ArmKnown:
 class Unknowns:
     """The unknowns beside X: ``names`` (p,), ``blocks``, ``prior`` with X before them, and what they move.
 
-    ``flange`` (n, 6, a): twists of the flange for the a numbers of the arm, which come first.
+    ``flange``: twists of the flange for the a numbers of the arm, which come first.
     """
 
     names: tuple[str, ...]
     blocks: dict[str, slice]
     prior: Prior
-    flange: Array
+    flange: Twists
 
     @property
     def images(self) -> slice:
         """The numbers that images see: lens and target."""
-        return slice(self.flange.shape[2], len(self.names))
+        return slice(self.flange.numbers, len(self.names))
 
     @property
     def arm(self) -> slice:
-        return slice(0, self.flange.shape[2])
+        return slice(0, self.flange.numbers)
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,16 @@ def unknowns(
     target: TargetPrior | None,
 ) -> Unknowns:
     """Of ``problem``, whose observations have the joints ``rows`` of ``arm``; lens and target of images."""
-    terms: dict[str, ArmTerms] = {}
+    parts: list[tuple[str, tuple[str, ...], Array]] = []
+    flange: Twists
     if isinstance(arm, SharedErrors):
-        terms = arm.terms(problem.flange)
-    elif arm is not None:
-        terms = arm_terms(arm, arm.Q[rows])
-    parts = [(name, t.names, t.sigma) for name, t in terms.items()]
+        parts += [(name, *of) for name, of in arm.blocks().items()]
+        flange = arm.twists(problem.flange)
+    else:
+        terms = {} if arm is None else arm_terms(arm, arm.Q[rows])
+        parts += [(name, t.names, t.sigma) for name, t in terms.items()]
+        columns = [np.zeros((problem.n, 6, 0)), *(t.columns for t in terms.values())]
+        flange = StoredTwists(np.concatenate(columns, axis=2))
     if lens is not None:
         parts.append((LENS_BLOCK, LENS, lens.sigma()))
     if target is not None:
@@ -106,7 +112,6 @@ def unknowns(
         np.concatenate([np.full(6, np.inf), *(sigma for _, _, sigma in parts)]),
         {name: slice(6 + s.start, 6 + s.stop) for name, s in blocks.items()},
     )
-    flange = np.concatenate([np.zeros((problem.n, 6, 0)), *(t.columns for t in terms.values())], axis=2)
     return Unknowns(tuple(names), blocks, prior, flange)
 
 
@@ -149,7 +154,7 @@ def moved_problem(of: Unknowns, state: AdjustedState, moves: Array) -> Problem:
     """The problem as it is with the numbers of ``state``; ``moves`` (n, 6, c) are those of the images."""
     problem, numbers = state.problem, state.numbers
     C = se3.exp(moves @ (numbers - state.base)[of.images]) @ problem.C
-    twist = of.flange @ (numbers - state.base)[of.arm]
+    twist = of.flange.moved((numbers - state.base)[of.arm])
     return with_flange_moved(replace(problem, C=C), se3.exp(twist), se3.exp(-twist))
 
 
@@ -160,6 +165,33 @@ def with_flange_moved(problem: Problem, motion: Array, back: Array | None = None
     return replace(problem, G=(se3.inverse(motion) if back is None else back) @ problem.G)
 
 
+@dataclass(frozen=True)
+class _Derivatives:
+    """(n, 6, m) of the residuals by X, the arm's numbers and those of the images, made when they are wanted.
+
+    ``by_X`` (n, 6, 6); ``carried`` (n, 6, 6) takes a motion of the flange, ``seen`` (n, 6, 6) one of an
+    image's pose, which the c numbers of the images move by ``moves`` (n, 6, c), to the residual.
+    """
+
+    by_X: Array
+    carried: Array
+    flange: Twists
+    seen: Array
+    moves: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return len(self.by_X), 6, 6 + self.flange.numbers + self.moves.shape[2]
+
+    def __getitem__(self, rows: slice) -> Array:
+        by_X, after = self.by_X[rows], 6 + self.flange.numbers
+        out = np.empty((len(by_X), *self.shape[1:]))
+        out[..., :6] = by_X
+        self.flange.carried(self.carried[rows], rows, out[..., 6:after])
+        np.matmul(self.seen[rows], self.moves[rows], out=out[..., after:])
+        return out
+
+
 def observations(of: Unknowns, state: AdjustedState, images: ImageTerms, lin: Linearised) -> Observations:
     """The linearised problem ``lin`` with the derivatives by all numbers.
 
@@ -167,28 +199,28 @@ def observations(of: Unknowns, state: AdjustedState, images: ImageTerms, lin: Li
     of the predicted one on the left takes ``Jr^-1(r) t`` away.
     """
     n, count = lin.problem.n, len(of.names)
-    of_global = np.zeros((n, 6, 6 + count))
-    of_global[:, :, :6] = lin.J[:, :, :6]
     sign = 1.0 if lin.problem.setup == "eye-in-hand" else -1.0
-    carried = se3.right_jacobian_inverse(lin.r) @ flange_adjoint(lin.problem, lin.at, lin.predicted)
+    derivatives = _Derivatives(
+        lin.J[:, :, :6],
+        sign * se3.right_jacobian_inverse(lin.r) @ flange_adjoint(lin.problem, lin.at, lin.predicted),
+        of.flange,
+        se3.right_jacobian_inverse(-lin.r),
+        images.moves,
+    )
     after = slice(6 + of.images.start, None)
-    of_global[:, :, after] = se3.right_jacobian_inverse(-lin.r) @ images.moves
-    for rows in row_blocks(n):
-        of_global[rows, :, 6 : after.start] = sign * carried[rows] @ of.flange[rows]
     away = (state.numbers - state.base)[of.images]
     info, pull = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)
-    info[after, after] = curvature = images.info.sum(axis=0)
-    gradient = images.pull.sum(axis=0)
-    pull[after] = gradient + curvature @ away
+    info[after, after] = images.info
+    pull[after] = images.pull + images.info @ away
     return Observations(
         r=lin.r,
-        of_global=of_global,
+        of_global=derivatives if n > _MANY else derivatives[:],
         of_local=lin.J[:, :, 6:],
         group=lin.problem.group,
         parts=shapes(lin, tuple(state.components.sigma)),
         info=info,
         pull=pull,
-        sse=float(lin.problem.sse.sum() + (2.0 * gradient + curvature @ away) @ away),
+        sse=float(lin.problem.sse.sum() + (2.0 * images.pull + images.info @ away) @ away),
         dof=float(lin.problem.dof.sum()),
     )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.hand_eye.normal import Linearised, normal
+from calibration.hand_eye.normal import Linearised, normal, row_blocks
 from calibration.hand_eye.problem import flange_adjoint
 from cell.poses import Array, adjoint
 
@@ -161,17 +161,19 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
     P = inverse_spd(np.tensordot(square, parts, axes=1))
     equations = normal(lin, P)
     delta = -equations.solve()
-    own = equations.covariance().own[problem.group]
-    mine = np.concatenate([np.broadcast_to(delta[0], (problem.n, 6)), delta[1:][problem.group]], axis=1)
-    Pr = (P @ (lin.r + (lin.J @ mine[..., None])[..., 0])[..., None])[..., 0]
-    PJ = P @ lin.J
-    R = P - PJ @ own @ np.swapaxes(PJ, 1, 2)
-    RV = R @ (parts * square[:, None, None, None])
-    trace = np.einsum("knii->k", RV)
-    quadratic = np.einsum("ni,kni->k", Pr, (parts @ Pr[..., None])[..., 0]) * square
+    every = equations.covariance().own
     k = len(names)
-    info = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
-    score = 0.5 * (quadratic - trace)
+    score, info = np.zeros(k), np.zeros((k, k))
+    for rows in row_blocks(problem.n):
+        J, W, group = lin.J[rows], P[rows], problem.group[rows]
+        mine = np.concatenate([np.broadcast_to(delta[0], (len(J), 6)), delta[1:][group]], axis=1)
+        Pr = W @ (lin.r[rows, :, None] + J @ mine[..., None])
+        PJ = W @ J
+        R = W - PJ @ every[group] @ np.swapaxes(PJ, 1, 2)
+        V = parts[:, rows] * square[:, None, None, None]
+        RV = R @ V
+        score += 0.5 * (np.sum(Pr * (V @ Pr), axis=(1, 2, 3)) - np.einsum("knii->k", RV))
+        info += 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
     if "sigma_px" in names:
         i = names.index("sigma_px")
         dof = float(problem.dof.sum())

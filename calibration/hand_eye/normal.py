@@ -16,6 +16,7 @@ from cell.poses import Array
 
 _CONVERGED = 1e-12  # gain of a step over the cost
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
+_BLOCK = 250  # observations
 _SOUND = 1e-10  # determinant of a matrix of unit diagonal that is inverted without its eigenvalues
 
 
@@ -132,6 +133,12 @@ def pseudo_inverse(N: Array) -> Array:
         out[~sound] = (vectors * inverse[:, None]) @ np.swapaxes(vectors, 1, 2)
     out *= scale
     return out
+
+
+def row_blocks(n: int) -> list[slice]:
+    """Of n observations some hundred at a time, for what takes much memory of each: products over 100
+    unknowns of so many take 5 MB."""
+    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]
 
 
 def normal(lin: Linearised, weight: Array) -> Normal:

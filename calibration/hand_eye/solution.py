@@ -11,7 +11,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
 from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.noise_limit import fit_within_limits
-from calibration.hand_eye.normal import Linearised, normal, squared_distances
+from calibration.hand_eye.normal import normal, squared_distances
 from calibration.hand_eye.observability import refuse
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
@@ -103,7 +103,7 @@ def solve(
         refusal = refuse(part.take(fit.used), given_noise.get("sigma_flange_r", 0.0))
     if refusal is not None:
         return refusal
-    excess = excess_of(fit.lin, fit.weight)
+    excess = excess_of(fit.lin.r, fit.weight, fit.lin.problem.groups)
     cov = normal(fit.lin, fit.weight).covariance()
     distance = np.full(problem.n, np.nan)
     distance[fit_rows] = fit.distance
@@ -125,10 +125,11 @@ def solve(
     )
 
 
-def excess_of(lin: Linearised, weight: Array) -> float:
-    """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
-    squared = float(squared_distances(lin.r, weight).sum())
-    left = 6 * lin.problem.n - 6 - 6 * lin.problem.groups
+def excess_of(r: Array, weight: Array, groups: int) -> float:
+    """By which the squares of residuals ``r`` (n, 6) of some ``groups`` exceed what the noise explains, one
+    where they do not beyond chance."""
+    squared = float(squared_distances(r, weight).sum())
+    left = 6 * len(r) - 6 - 6 * groups
     return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
 
 

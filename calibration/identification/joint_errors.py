@@ -120,13 +120,7 @@ class _Adjustment:
         for kind in kinds:
             blocks[kind] = slice(len(rows), len(rows) + len(self.rows[kind]))
             rows = np.concatenate([rows, self.rows[kind]])
-        every = self.sums
-        obs = replace(
-            every,
-            of_global=every.of_global[:, :, rows],
-            info=every.info[np.ix_(rows, rows)],
-            pull=every.pull[rows],
-        )
+        obs = self.sums.of_unknowns(rows)
         prior = Prior(self.mean[rows], self.sd[rows], blocks)
         start = Components(
             {_READING: 1.0},

@@ -207,7 +207,8 @@ def _by_poses_alone(first: Solution, problem: Problem) -> Solution:
     for _ in range(2):  # noise levels and pose in turn
         noise = reml(lin, noise)
         lin = minimise(lin, weights(lin, noise))
-    return replace(first, problem=problem, at=lin.at, noise=noise, excess=excess_of(lin, weights(lin, noise)))
+    excess = excess_of(lin.r, weights(lin, noise), lin.problem.groups)
+    return replace(first, problem=problem, at=lin.at, noise=noise, excess=excess)
 
 
 def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, object]:

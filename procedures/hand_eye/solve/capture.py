@@ -210,4 +210,5 @@ def _combine(points: Array, corners: Array) -> tuple[CornerSet | None, str]:
     extent = np.linalg.svd(points[ids] - points[ids].mean(axis=0), compute_uv=False)
     if extent[1] < 1e-6 * extent[0]:
         return None, f"the {len(ids)} corners found lie on one line"
-    return CornerSet(points[ids], mean, count[ids].astype(float)), ""
+    own = points if len(ids) == len(points) else points[ids]  # thousands of views share those of all corners
+    return CornerSet(own, mean, count[ids].astype(float)), ""

@@ -1,6 +1,7 @@
 """Every block from thousands of poses: what is hardly known stays where its prior and the data have it."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import RigidTransform
 
 from calibration.adjustment.components import Components
@@ -8,6 +9,7 @@ from calibration.adjustment.equations import Observations, Prior
 from calibration.adjustment.hand_eye import adjust
 from calibration.adjustment.jackknife import jackknife
 from calibration.adjustment.lens_terms import image_terms, target_shape
+from calibration.adjustment.shared_errors import shared_errors
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution, solve
@@ -93,10 +95,32 @@ def test_what_images_say_of_lens_and_target_is_that_of_each_by_itself() -> None:
     shape = target_shape(views)
     subject = image_terms(views, C, CAMERA, shape, C @ se3.exp(np.full(6, 1e-4)))
     assert len(views) > 128
-    for k in (0, 127, 128, len(views) - 1):
+    info, pull = np.zeros_like(subject.info), np.zeros_like(subject.pull)
+    for k in range(len(views)):
         one = image_terms(
             views[k : k + 1], C[k : k + 1], CAMERA, shape, C[k : k + 1] @ se3.exp(np.full(6, 1e-4))
         )
         np.testing.assert_allclose(subject.moves[k], one.moves[0], rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(subject.info[k], one.info[0], rtol=1e-9, atol=1e-6)
-        np.testing.assert_allclose(subject.pull[k], one.pull[0], rtol=1e-9, atol=1e-6)
+        info += one.info
+        pull += one.pull
+    np.testing.assert_allclose(subject.info, info, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(subject.pull, pull, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("joints", [True, False], ids=["joints", "no joints"])
+def test_derivatives_that_are_made_when_wanted_lead_to_the_answer_of_those_that_are_kept(
+    joints: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng([0, 5])
+    measured, Q = imperfect_cell.capture(
+        rng, imperfect_cell.world(rng, 2e-4, "off", "bow", joints=11), "few on cones"
+    )
+    first = solve(measured, CAMERA, {})
+    assert isinstance(first, Solution)
+    arm = ArmKnown(MODEL, Q, ARM.joint_limits) if joints else shared_errors(measured.F[first.used])
+    kept = adjust(measured, first, CAMERA, arm)
+    monkeypatch.setattr("calibration.adjustment.unknowns._MANY", 1)
+    subject = adjust(measured, first, CAMERA, arm)
+    np.testing.assert_allclose(subject.X, kept.X, atol=1e-12)
+    np.testing.assert_allclose(subject.cov, kept.cov, rtol=1e-7, atol=1e-18)
+    np.testing.assert_allclose(subject.numbers, kept.numbers, atol=1e-9)

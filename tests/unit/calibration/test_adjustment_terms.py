@@ -144,10 +144,12 @@ def test_numbers_of_lens_and_target_move_the_images_poses_as_a_new_solution_does
 
 def test_the_squared_residuals_follow_pull_and_info(views: list[CornerSet]) -> None:
     C, sse = solved(views, np.zeros(NUMBERS))
-    subject = image_terms(views, C, CAMERA, target_shape(views))
+    shape = target_shape(views)
+    each = [image_terms(views[i : i + 1], C[i : i + 1], CAMERA, shape) for i in range(len(views))]
+    pull, info = np.stack([one.pull for one in each]), np.stack([one.info for one in each])
     for k, name in enumerate((*LENS, *TARGET)):
         numbers = np.zeros(NUMBERS)
         numbers[k] = 3.0 * STEPS[k]
         _, found = solved(views, numbers)
-        predicted = sse + 2.0 * subject.pull[:, k] * numbers[k] + subject.info[:, k, k] * numbers[k] ** 2
+        predicted = sse + 2.0 * pull[:, k] * numbers[k] + info[:, k, k] * numbers[k] ** 2
         np.testing.assert_allclose(found, predicted, rtol=1e-3, atol=1e-3, err_msg=name)

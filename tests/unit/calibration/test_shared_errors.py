@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.adjustment.arm_terms import reference_joints
 from calibration.adjustment.hand_eye import Adjusted, adjust
 from calibration.adjustment.shared_errors import ATTITUDE, PLACE, shared_errors
+from calibration.adjustment.twists import StoredTwists
 from calibration.adjustment.unknowns import ArmKnown, arm_terms
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements, Solution, solve
@@ -37,16 +38,32 @@ def test_the_functions_have_the_covariance_of_the_errors() -> None:
 
 def test_a_term_moves_the_flange_along_an_axis_of_the_base() -> None:
     F = poses(5)
-    terms = shared_errors(F).terms(F)
-    place, attitude = terms[PLACE], terms[ATTITUDE]
-    count = len(place.names) // 3 - 1  # the last three are along the axes of the flange
-    for columns, part in ((place.columns, slice(3)), (attitude.columns, slice(3, 6))):
+    subject = shared_errors(F)
+    names, sigma = subject.blocks()[PLACE]
+    count = len(names) // 3 - 1  # the last three are along the axes of the flange
+    assert len(sigma) == len(names)
+    place, attitude = np.split(subject.twists(F).columns(slice(None)), 2, axis=2)
+    for columns, part in ((place, slice(3)), (attitude, slice(3, 6))):
         in_base = F[:, :3, :3] @ columns[:, part]
         assert np.abs(in_base[:, 1:, :count]).max() < 1e-12, "the first functions are those along x"
         assert np.abs(in_base[:, 0, count:-3]).max() < 1e-12
+        np.testing.assert_allclose(in_base[:, 0, :count], subject.functions(F), atol=1e-12)
         np.testing.assert_array_equal(columns[:, part, -3:], np.tile(np.eye(3), (5, 1, 1)))
-    assert not place.columns[:, 3:].any()
-    assert not attitude.columns[:, :3].any()
+    assert not place[:, 3:].any()
+    assert not attitude[:, :3].any()
+
+
+def test_terms_that_are_made_when_wanted_are_those_that_are_kept() -> None:
+    F, rng = poses(7), np.random.default_rng(2)
+    made = shared_errors(F).twists(F)
+    kept = StoredTwists(made.columns(slice(None)))
+    assert made.numbers == kept.numbers
+    x, by = rng.normal(size=made.numbers), rng.normal(size=(3, 6, 6))
+    np.testing.assert_allclose(made.moved(x), kept.moved(x), atol=1e-12)
+    out = np.empty((2, 3, 6, made.numbers))
+    for subject, where in zip((made, kept), out, strict=True):
+        subject.carried(by, slice(4, 7), where)
+    np.testing.assert_allclose(*out, atol=1e-12)
 
 
 def test_many_poses_have_functions_that_leave_little_and_take_little_memory() -> None:
