@@ -12,8 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.hand_eye import se3
-from calibration.hand_eye.views import CornerSet, blocks
+from calibration.hand_eye.views import CornerSet, blocks, distorted
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -110,21 +109,56 @@ def _of_few(
     views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: "TargetShape", predicted: Array | None
 ) -> ImageTerms:
     """As :func:`image_terms`, with all corners in memory at once: 1 kB of derivatives each."""
-    gram = np.empty((len(views), 6 + NUMBERS + 1, 6 + NUMBERS + 1))
-    sizes = np.array([len(v.points) for v in views])
-    rows = _derivatives(views, np.repeat(C if predicted is None else predicted, sizes, axis=0), camera, shape)
-    if predicted is not None:
-        rows[:, -1] = _residuals(views, np.repeat(C, sizes, axis=0), camera)
-    starts = 2 * np.concatenate([[0], np.cumsum(sizes)])
-    for size in np.unique(sizes):  # views of one size together
-        of = np.flatnonzero(sizes == size)
-        A = rows[(starts[of, None] + np.arange(2 * size)).ravel()].reshape(len(of), 2 * size, -1)
-        gram[of] = np.swapaxes(A, 1, 2) @ A
+    A = _derivatives(views, C, camera, shape, predicted)
+    gram = A @ np.swapaxes(A, 1, 2)
     moves = np.asarray(-np.linalg.solve(gram[:, :6, :6], gram[:, :6, 6:-1]), dtype=float)
-    info = gram[:, 6:-1, 6:-1] + gram[:, 6:-1, :6] @ moves
+    info = (gram[:, 6:-1, 6:-1] + gram[:, 6:-1, :6] @ moves).sum(axis=0)
     pull = -gram[:, 6:-1, -1] - (np.swapaxes(moves, 1, 2) @ gram[:, :6, -1:])[..., 0]
-    whole = info.sum(axis=0)
-    return ImageTerms(moves, 0.5 * (whole + whole.T), pull.sum(axis=0))
+    return ImageTerms(moves, 0.5 * (info + info.T), pull.sum(axis=0))
+
+
+def _derivatives(
+    views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: "TargetShape", predicted: Array | None
+) -> Array:
+    """(n, 6 + 13 + 1, 2m) for the corners of each view, whitened: derivatives of the predicted pixels by the
+    pose from the left and by the numbers, and the residuals. Views with fewer corners than m end in zeros."""
+    sizes = np.array([len(v.points) for v in views])
+    place = np.arange(sizes.max())
+    at = (np.cumsum(sizes) - sizes)[:, None] + np.minimum(place, sizes[:, None] - 1)
+    points = np.swapaxes(np.concatenate([v.points for v in views])[at], 1, 2)
+    corners = np.concatenate([v.corners for v in views])[at]
+    weight = np.sqrt(np.concatenate([v.count for v in views]))[at] * (place < sizes[:, None])
+    n, _, m = points.shape
+
+    T = C if predicted is None else predicted
+    ideal, iz = _ideal(points, T)
+    pixels, by_ideal, by_lens = through_lens(ideal.reshape(2, -1), camera)
+    out = np.empty((n, 6 + NUMBERS + 1, 2, m))
+    column = out.transpose(1, 2, 0, 3)  # (20, 2, n, m)
+    x, y = ideal
+    fx, fy = np.swapaxes(by_ideal, 0, 1).reshape(2, 2, n, m)  # the forces of pnp._jacobian
+    fz = -(fx * x + fy * y)
+    column[0], column[1], column[2] = fx * iz, fy * iz, fz * iz
+    column[3], column[4], column[5] = y * fz - fy, fx - x * fz, x * fy - y * fx
+    column[6:14] = by_lens.reshape(len(LENS), 2, n, m)
+    on_target = np.swapaxes(T[:, :3, :3], 1, 2) @ out[:, :3].reshape(n, 3, 2 * m)
+    across, down, ahead = np.swapaxes(on_target, 0, 1).reshape(3, n, 2, m).transpose(0, 2, 1, 3)
+    u, v = shape.off(points[:, 0], points[:, 1])
+    column[14], column[15] = across * (u * shape.edge), down * (v * shape.edge)
+    column[16], column[17], column[18] = ahead * (u * u), ahead * (u * v), ahead * (v * v)
+    if predicted is not None:
+        pixels, _, _ = through_lens(_ideal(points, C)[0].reshape(2, -1), camera)
+    column[19] = np.moveaxis(corners, 2, 0) - pixels.reshape(2, n, m)
+    out *= weight[:, None, None]
+    return out.reshape(n, 6 + NUMBERS + 1, 2 * m)
+
+
+def _ideal(points: Array, T: Array) -> tuple[Array, Array]:
+    """Ideal coordinates (2, n, m) and inverse depths (n, m) of ``points`` (n, 3, m) of targets at ``T``
+    (n, 4, 4)."""
+    p = T[:, :3, :3] @ points + T[:, :3, 3:]
+    iz = 1.0 / p[:, 2]
+    return np.stack([p[:, 0] * iz, p[:, 1] * iz]), iz
 
 
 @dataclass(frozen=True)
@@ -134,18 +168,24 @@ class TargetShape:
     centre: Array
     edge: float
 
+    def off(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Places on the target from its centre, of its edge."""
+        return (x - self.centre[0]) / self.edge, (y - self.centre[1]) / self.edge
+
     def columns(self, points: Array) -> Array:
         """(m, 3, 5): how far each point (m, 3) of the target moves for a unit of each number."""
         out = np.zeros((len(points), 3, len(TARGET)))
-        off = points[:, :2] - self.centre
-        out[:, 0, 0], out[:, 1, 1] = off[:, 0], off[:, 1]
-        u, v = (off / self.edge).T
+        u, v = self.off(*points[:, :2].T)
+        out[:, 0, 0], out[:, 1, 1] = u * self.edge, v * self.edge
         out[:, 2, 2], out[:, 2, 3], out[:, 2, 4] = u * u, u * v, v * v
         return out
 
     def moved(self, points: Array, numbers: Array) -> Array:
         """The points (m, 3) with ``numbers`` (5,) of ``TARGET``."""
-        out: Array = points + self.columns(points) @ numbers
+        x, y, xx, xy, yy = numbers.tolist()
+        u, v = self.off(*points[:, :2].T)
+        by = [u * (x * self.edge), v * (y * self.edge), xx * u * u + xy * u * v + yy * v * v]
+        out: Array = points + np.stack(by, axis=1)
         return out
 
 
@@ -170,38 +210,48 @@ def moved_camera(camera: Intrinsics, numbers: Array) -> Intrinsics:
 def projected(p: Array, camera: Intrinsics) -> tuple[Array, Array, Array]:
     """Pixels (m, 2) of points ``p`` (m, 3) m in the camera, with the derivatives by the points (m, 2, 3) and
     by the numbers of ``LENS`` (m, 2, 8)."""
+    iz = 1.0 / p[:, 2]
+    ideal = p[:, :2].T * iz
+    pixels, by_ideal, by_lens = through_lens(ideal, camera)
+    ahead = -np.sum(by_ideal * ideal, axis=1)
+    by_point = np.stack([by_ideal[:, 0], by_ideal[:, 1], ahead], axis=1) * iz
+    return pixels.T, by_point.transpose(2, 0, 1), by_lens.transpose(2, 1, 0)
+
+
+def through_lens(ideal: Array, camera: Intrinsics) -> tuple[Array, Array, Array]:
+    """Pixels (2, m) of ideal coordinates (2, m), and their derivatives by these (2, 2, m) and by the numbers
+    of ``LENS`` (8, 2, m)."""
+    if any(camera.dist[8:]):
+        return _through_any_lens(ideal, camera)
+    fx, fy, cx, cy = camera.K
+    at, (xx, xy, yy) = distorted(ideal, camera)
+    x, y = ideal
+    r2 = x * x + y * y
+    by_k1 = r2
+    if any(camera.dist[5:]):
+        k4, k5, k6 = (*camera.dist[5:], 0.0, 0.0, 0.0)[:3]
+        by_k1 = r2 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    by_lens = np.zeros((len(LENS), 2, len(r2)))
+    by_lens[0] = at * np.array([[fx], [fy]])
+    by_lens[1, 1] = fy * at[1]
+    by_lens[2, 0] = by_lens[3, 1] = 1.0
+    by_lens[4] = ideal * by_k1
+    by_lens[5] = by_lens[4] * r2
+    by_lens[6, 0] = by_lens[7, 1] = 2.0 * x * y
+    by_lens[6, 1], by_lens[7, 0] = r2 + 2.0 * y * y, r2 + 2.0 * x * x
+    by_lens[4:, 0] *= fx
+    by_lens[4:, 1] *= fy
+    by_ideal = np.stack([np.stack([fx * xx, fx * xy]), np.stack([fy * xy, fy * yy])])
+    return by_lens[0] + np.array([[cx], [cy]]), by_ideal, by_lens
+
+
+def _through_any_lens(ideal: Array, camera: Intrinsics) -> tuple[Array, Array, Array]:
+    """The same for every model of OpenCV, in a multiple of the time."""
     fx, fy, _, _ = camera.K
-    dist = np.zeros(max(len(camera.dist), 5))
-    dist[: len(camera.dist)] = camera.dist
-    pixels, J = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, dist)
-    J = J.reshape(len(p), 2, -1)
-    by_lens = J[:, :, 6:14].copy()
-    by_lens[:, :, 0] = J[:, :, 6] * fx + J[:, :, 7] * fy
-    by_lens[:, :, 1] = J[:, :, 7] * fy
-    return pixels.reshape(-1, 2), J[:, :, 3:6], by_lens
-
-
-def _residuals(views: Sequence[CornerSet], C: Array, camera: Intrinsics) -> Array:
-    """(2m,) of all corners, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
-    points = np.concatenate([v.points for v in views])
-    p = (C[:, :3, :3] @ points[..., None])[..., 0] + C[:, :3, 3]
-    pixels, _ = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.dist))
-    off = np.concatenate([v.corners for v in views]) - pixels.reshape(-1, 2)
-    return np.asarray((off * np.sqrt(np.concatenate([v.count for v in views]))[:, None]).ravel())
-
-
-def _derivatives(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:
-    """(2m, 6 + 13 + 1) for all corners: derivatives of the predicted pixels by the pose from the left and by
-    the numbers, and the residuals, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
-    points = np.concatenate([v.points for v in views])
-    corners = np.concatenate([v.corners for v in views])
-    p = (C[:, :3, :3] @ points[..., None])[..., 0] + C[:, :3, 3]
-    predicted, by_point, by_lens = projected(p, camera)
-    out = np.empty((len(p), 2, 6 + NUMBERS + 1))
-    out[:, :, :3] = by_point
-    out[:, :, 3:6] = -by_point @ se3.hat(p)
-    out[:, :, 6:14] = by_lens
-    out[:, :, 14:-1] = by_point @ C[:, :3, :3] @ shape.columns(points)
-    out[:, :, -1] = corners - predicted
-    out *= np.sqrt(np.concatenate([v.count for v in views]))[:, None, None]
-    return out.reshape(2 * len(p), -1)
+    rays = np.concatenate([ideal, np.ones((1, ideal.shape[1]))]).T
+    pixels, J = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.dist))
+    J = np.asarray(J, dtype=float).reshape(len(rays), 2, -1).transpose(2, 1, 0)
+    by_lens = J[6:14].copy()
+    by_lens[0] = J[6] * fx + J[7] * fy
+    by_lens[1] = J[7] * fy
+    return np.asarray(pixels, dtype=float).reshape(-1, 2).T, np.swapaxes(J[3:5], 0, 1), by_lens

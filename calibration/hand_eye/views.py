@@ -41,8 +41,8 @@ def undistort(pixels: Array, camera: Intrinsics) -> Array:
         return _undistort_by_opencv(pixels, camera)
     ideal = seen.T.copy()
     for _ in range(_NEWTON):
-        distorted, (xx, xy, yy) = _distorted(ideal, camera)
-        u, v = distorted - seen.T
+        seen_there, (xx, xy, yy) = distorted(ideal, camera)
+        u, v = seen_there - seen.T
         step = np.stack([yy * u - xy * v, xx * v - xy * u]) / (xx * yy - xy * xy)
         ideal -= step
         short = np.abs(step).max(axis=0) < _SHORT
@@ -84,11 +84,11 @@ def distortion_jacobian(ideal: Array, camera: Intrinsics) -> Array:
         return np.broadcast_to(np.diag([fx, fy]), (len(ideal), 2, 2))
     if any(camera.dist[8:]):
         return _jacobian_of_opencv(ideal, camera)
-    _, (xx, xy, yy) = _distorted(ideal.T, camera)
+    _, (xx, xy, yy) = distorted(ideal.T, camera)
     return np.stack([fx * xx, fx * xy, fy * xy, fy * yy], axis=1).reshape(-1, 2, 2)
 
 
-def _distorted(ideal: Array, camera: Intrinsics) -> tuple[Array, tuple[Array, Array, Array]]:
+def distorted(ideal: Array, camera: Intrinsics) -> tuple[Array, tuple[Array, Array, Array]]:
     """Distorted coordinates (2, n) of ideal ones (2, n), and their derivative: xx, xy = yx and yy (n,)."""
     k1, k2, p1, p2, k3, k4, k5, k6 = (*camera.dist, *([0.0] * (8 - len(camera.dist))))[:8]
     x, y = ideal
@@ -100,9 +100,9 @@ def _distorted(ideal: Array, camera: Intrinsics) -> tuple[Array, tuple[Array, Ar
         radial /= under
         slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / under
     aside = 2.0 * (p1 * y + p2 * x)
-    distorted = ideal * (radial + aside)
-    distorted += np.array([[p2], [p1]]) * r2
-    return distorted, (
+    out = ideal * (radial + aside)
+    out += np.array([[p2], [p1]]) * r2
+    return out, (
         radial + 2.0 * xx * slope + aside + 4.0 * p2 * x,
         2.0 * (xy * slope + p1 * x + p2 * y),
         radial + 2.0 * yy * slope + aside + 4.0 * p1 * y,
