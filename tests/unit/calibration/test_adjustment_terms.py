@@ -1,5 +1,7 @@
 """Derivatives of the adjustment's terms, held against differences of the models that they stand for."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from calibration.adjustment.lens_terms import (
     TARGET,
     image_terms,
     moved_camera,
+    projected,
     target_shape,
 )
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
@@ -153,3 +156,26 @@ def test_the_squared_residuals_follow_pull_and_info(views: list[CornerSet]) -> N
         _, found = solved(views, numbers)
         predicted = sse + 2.0 * pull[:, k] * numbers[k] + info[:, k, k] * numbers[k] ** 2
         np.testing.assert_allclose(found, predicted, rtol=1e-3, atol=1e-3, err_msg=name)
+
+
+@pytest.mark.parametrize("more", [(), (0.02, 0.01, -0.03), (0.02, 0.01, -0.03, 0.001, 0.002, 0.001, 0.003)])
+def test_a_lens_of_any_model_is_that_of_opencv(more: tuple[float, ...]) -> None:
+    dist = (-0.1, 0.05, 0.001, -0.002, 0.01, *more)
+    dist += (0.0,) * (12 - len(dist) if len(dist) > 8 else 0)
+    lens = replace(CAMERA, dist=dist)
+    p = np.random.default_rng(4).normal(size=(9, 3)) * 0.1 + (0.0, 0.0, 0.5)
+    pixels, by_point, by_lens = projected(p, lens)
+
+    def by_opencv(q: Array) -> Array:
+        seen, _ = cv2.projectPoints(q, np.zeros(3), np.zeros(3), lens.matrix, np.array(lens.dist))
+        return np.asarray(seen, dtype=float).reshape(-1, 2)
+
+    np.testing.assert_allclose(pixels, by_opencv(p), atol=1e-9)
+    for k, shift in enumerate(np.eye(3) * 1e-6):
+        slope = (by_opencv(p + shift) - by_opencv(p - shift)) / 2e-6
+        np.testing.assert_allclose(by_point[..., k], slope, rtol=1e-6, atol=1e-3)
+    for k, step in enumerate(STEPS[: len(LENS)]):
+        numbers = np.zeros(len(LENS))
+        numbers[k] = step
+        off = projected(p, moved_camera(lens, numbers))[0] - pixels
+        np.testing.assert_allclose(by_lens[..., k] * step, off, rtol=1e-3, atol=1e-6)
