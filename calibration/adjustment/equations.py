@@ -6,6 +6,7 @@ own group, so every local pose is eliminated by itself (Schur complement) and no
 number of groups.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -191,15 +192,15 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
     for rows in row_blocks(obs.n):
         G, L, P, r = obs.of_global[rows], obs.of_local[rows], weight[rows], obs.r[rows]
         PG, PL = P @ G, P @ L
-        order = np.argsort(obs.group[rows], kind="stable")
-        group = obs.group[rows][order]
-        first = np.flatnonzero(np.diff(group, prepend=-1))
-        LL[group[first]] += np.add.reduceat((np.swapaxes(L, 1, 2) @ PL)[order], first, axis=0)
-        LG[group[first]] += np.add.reduceat((np.swapaxes(L, 1, 2) @ PG)[order], first, axis=0)
-        gl[group[first]] += np.add.reduceat(np.einsum("nij,ni->nj", PL, r)[order], first, axis=0)
+        Pr = (P @ r[..., None])[..., 0]
+        for one, own in _each(obs.group[rows]):
+            Lt = L[own].reshape(-1, 6).T
+            LL[one] += Lt @ PL[own].reshape(-1, 6)
+            LG[one] += Lt @ PG[own].reshape(-1, m)
+            gl[one] += Lt @ Pr[own].ravel()
         flat = G.reshape(-1, m)
         N += flat.T @ PG.reshape(-1, m)
-        g += flat.T @ (P @ r[..., None]).reshape(-1)
+        g += flat.T @ Pr.ravel()
     inverse = inverse_spd(LL)
     carry = inverse @ LG
     local = (inverse @ gl[..., None])[..., 0]
@@ -208,3 +209,14 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
     N += obs.info / variance_of_sums + np.diag(prior.precision)
     g += obs.pull / variance_of_sums + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
+
+
+def _each(group: NDArray[np.int64]) -> Iterator[tuple[int, slice | NDArray[np.int64]]]:
+    """Each group in ``group`` (k,) with its rows: a slice where they follow each other."""
+    if np.all(group[1:] >= group[:-1]):
+        first = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
+        for start, end in zip(first, [*first[1:], len(group)], strict=True):
+            yield int(group[start]), slice(start, end)
+        return
+    for one in np.unique(group).tolist():
+        yield one, np.flatnonzero(group == one)

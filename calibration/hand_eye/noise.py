@@ -85,6 +85,8 @@ def shapes(lin: Linearised, names: tuple[str, ...]) -> Array:
         carrier = flange if "flange" in name else target
         if carrier is None:
             continue
+        if problem.n and carrier.strides[0] == 0:
+            carrier = carrier[:1]  # of a camera on the flange that of every pose is the same
         part = carrier[..., :3] if name.endswith("_t") else carrier[..., 3:]
         out[k] = part @ np.swapaxes(part, 1, 2)
     return out
