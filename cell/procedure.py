@@ -17,16 +17,14 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from pydantic import BaseModel
 
 from cell.clock import Clock
-from cell.corrected_stamps import CorrectedCamera, CorrectedEncoder
-from cell.devices import Arm, ArmState, DepthCamera, Device, DigitalInputs, Encoder, Gripper, ObservedArm
+from cell.devices import ArmState, Device
 from cell.errors import CellError, error
 from cell.formats.result import NO_FIGURES, Envelope, Figures
 from cell.interruptions import Interruptions
-from cell.kinds import D, as_kind
-from cell.laser_tracker import LaserTracker
-from cell.modelled_arm import ArmModels, ModelledArm
+from cell.modelled_arm import ArmModels
 from cell.motion import MotionLease
 from cell.packml import PackML
+from cell.run_devices import RunDevices
 from cell.run_values import RunValues
 from cell.samples import GAP_S
 from cell.traces import Trace
@@ -163,7 +161,7 @@ class Procedure(ABC):
         raise error("NOT_FOUND", f"a {cls.name} has nothing to solve again")
 
 
-class Run:
+class Run(RunDevices):
     """One execution of a procedure."""
 
     def __init__(
@@ -180,9 +178,9 @@ class Run:
     ) -> None:
         """``arm_models``: how the arm is seen and moved when not as its controller believes."""
         self.id, self.procedure, self.cell, self.folder = run_id, procedure, cell, folder
-        self.values, self.adopted = values, adopted
+        super().__init__(cell.device, values, arm_models)
+        self.adopted = adopted
         self.clock, self.worker = cell.clock, cell.worker
-        self.arm_models = arm_models
         self.proposed: set[str] = set()  # names of the calibrations that it offered
         self.state: StrEnum | None = None
         self.packml = PackML.STARTING
@@ -197,7 +195,6 @@ class Run:
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self.traces: dict[str, Trace] = {}
         self._notebook, self._publish = notebook, publish
-        self._devices: dict[str, Device] = {}
         self.work_wanted = True  # no new item is begun while it is not
         self.steered = False  # somebody held it, finished it early, or answered a question of it
         self._finish = False
@@ -335,54 +332,6 @@ class Run:
     def check_record(self) -> None:
         """``RUN_FOLDER_LOST`` when the run has lost its folder: nothing may be committed then."""
         self._notebook.check_on_disk()
-
-    def arm(self) -> Arm:
-        """The arm of this cell; its flange poses are those of the model that the run works with."""
-        return self.as_modelled(self.device("arm", Arm))
-
-    def as_modelled(self, arm: Arm) -> Arm:
-        """``arm`` with flange poses of the model that the run works with."""
-        return arm if self.arm_models is None else ModelledArm(arm, self.arm_models)
-
-    def camera(self, role: str) -> DepthCamera:
-        """The camera that plays ``role``, its stamps by the offset in effect."""
-        camera, late_s = self.device(role, DepthCamera), self._late_s(role)
-        return CorrectedCamera(camera, late_s) if late_s else camera
-
-    def inputs(self, role: str) -> DigitalInputs:
-        """The group of digital inputs that plays ``role``."""
-        return self.device(role, DigitalInputs)
-
-    def tracker(self) -> LaserTracker:
-        """The laser tracker of this cell."""
-        return self.device("tracker", LaserTracker)
-
-    def observed_arm(self) -> ObservedArm:
-        """The arm that this cell reads but does not move."""
-        return self.device("observed_arm", ObservedArm)
-
-    def encoder(self) -> Encoder:
-        """The belt's encoder, its stamps by the offset in effect."""
-        encoder, late_s = self.device("belt", Encoder), self._late_s("belt")
-        return CorrectedEncoder(encoder, late_s) if late_s else encoder
-
-    def _late_s(self, role: str) -> float:
-        """By how much the stamps of ``role`` are late that its driver gives, s."""
-        offset = self.values.time_offset_s.get(role)
-        return 0.0 if offset is None else offset["effective"] - offset["applied"]
-
-    def gripper(self) -> Gripper:
-        """The gripper on the arm."""
-        return self.device("gripper", Gripper)
-
-    def device(self, role: str, protocol: type[D]) -> D:
-        """The device that plays ``role``, as the kind of device that the role asks for, with its own stamps.
-
-        Ready when it is asked for first; silent later, it says so itself where it is used.
-        """
-        if role not in self._devices:
-            self._devices[role] = self.cell.device(role)
-        return as_kind(self._devices[role], protocol)
 
     def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
         """``async with run.motion() as lease``: the only way to move.

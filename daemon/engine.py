@@ -13,30 +13,26 @@ from cell.formats.result import NO_FIGURES
 from cell.kinds import as_kind
 from cell.packml import PackML
 from cell.procedure import Procedure, Run
-from cell.run_values import RunValues
 from cell.store.runs import RunFolder
 from daemon.adoption import adoptable
 from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
-from daemon.controller_limits import told_by
 from daemon.deciding import Decisions
 from daemon.dry_run import dry_run
-from daemon.job_config import make_procedure
 from daemon.last_seconds import keep_last_seconds
 from daemon.losses import Losses
-from daemon.movable import ASKED_BY_S, require_movable
+from daemon.movable import ASKED_BY_S
 from daemon.program_start import ProgramStart
-from daemon.recipes import arguments_of_recipe, place_of, with_recipe
+from daemon.recipes import arguments_of_recipe, with_recipe
 from daemon.results import keep_answer, note_arm_model, propose_results
 from daemon.run_end import failure_of, keep_shown, main_figure_of, write_end
 from daemon.run_making import make_run, withdraw_run
-from daemon.run_origin import origin
 from daemon.run_timing import RunTiming
+from daemon.start_needs import StartNeeds
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
-from daemon.tools import ARGUMENT, CellTool, asked_tool, loaded_tool, told_tool
-from daemon.values import recorded, resolve_values, with_arm_model, with_limits
+from daemon.tools import ARGUMENT, told_tool
 from procedures.arm_setup import arm_models
 
 log = logging.getLogger("cellward.engine")
@@ -69,6 +65,7 @@ class Engine:
         self._finish_by = ""  # who asked to finish it, which it cannot yet: the arm's program is not started
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
+        self.needs = StartNeeds(context, context.ledger, jobs)
         self.program_start = ProgramStart(context, self.publish)
         self.decisions = Decisions(self)
 
@@ -91,25 +88,17 @@ class Engine:
                 self._ending = None
 
     async def _start(self, request: StartRequest) -> dict[str, Any]:
-        recipe = arguments_of_recipe(self.context.config, request)
-        procedure = self._make_procedure(request.job, request.params, recipe)
+        needs, context = self.needs, self.context
+        recipe = arguments_of_recipe(context.config, request)
+        procedure = needs.procedure(request.job, request.params, recipe)
         asked = request.params.get(ARGUMENT, recipe.get(ARGUMENT))
-        tool = self._tool_of(procedure, asked, moves=not request.dry_run)
-        devices = await self._devices_of(procedure, ASKED_BY_S)
-        context = self.context
+        tool = needs.tool(procedure, asked, moves=not request.dry_run)
+        devices = await needs.devices(procedure, ASKED_BY_S)
         if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
-        values = await self._values_of(procedure, tool, request.recipe)
+        values = await needs.values(procedure, tool, request.recipe)
         models = await asyncio.to_thread(arm_models, values)
-        conditions = {
-            "config": context.config.part_of_a_run(),
-            "parameters": dict(request.params),
-            "recipe": request.recipe or None,
-            "job_config": procedure.config.model_dump(mode="json"),
-            "values": recorded(values),
-            "identities": self._identities(devices),
-            **await asyncio.to_thread(origin, context.config, request),
-        }
+        conditions = await needs.conditions(request, procedure, values, devices)
         adopted = adoptable(self.runs, request.adopt, procedure.name, conditions)
         started_by = None if request.dry_run else (request.who, request.channel)
         folder = await make_run(
@@ -139,36 +128,6 @@ class Engine:
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
         self.publish()
         return {"run_id": run.id, "folder": folder.path.name}
-
-    def _tool_of(self, procedure: Procedure, asked: str | None, moves: bool = True) -> CellTool | None:
-        """The tool that a start asks for; one that ``moves`` the arm has to know what is on the flange."""
-        chosen = loaded_tool if moves else asked_tool
-        return chosen(self.context.config, procedure.name, asked, "arm" in procedure.uses())
-
-    async def _values_of(self, procedure: Procedure, tool: CellTool | None, recipe: str) -> RunValues:
-        """The values that the job works with now; refused where they cannot be used."""
-        config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
-        asked = config, self.ledger, supervisor, roles, tool, procedure.reads_reference
-        values = await asyncio.to_thread(resolve_values, *asked)
-        place = place_of(config, recipe, procedure.name, "limits")
-        values = with_limits(values, procedure, told_by(config, supervisor), place)
-        values = with_arm_model(values, procedure, config, supervisor)
-        procedure.check(values)
-        return values
-
-    async def obstacle(self, name: str, tool: str | None = None) -> CellError | None:
-        """Why a start of this job or recipe with this tool would be refused now, as far as it is seen
-        unplanned."""
-        try:
-            config = self.context.config
-            request = with_recipe(config, StartRequest(name, {}, "", ""))
-            recipe = arguments_of_recipe(config, request)
-            await self._devices_of(procedure := self._make_procedure(request.job, {}, recipe))
-            on_flange = self._tool_of(procedure, tool or recipe.get(ARGUMENT))
-            await self._values_of(procedure, on_flange, request.recipe)
-            return None
-        except CellError as refusal:
-            return refusal
 
     def _begin(self, run: Run, request: StartRequest) -> None:
         """The first lines of its journal, and what was asked of the run while it was made."""
@@ -292,31 +251,10 @@ class Engine:
 
     # -- how a run is made and ends
 
-    def _make_procedure(self, job: str, params: Mapping[str, str], recipe: Mapping[str, Any]) -> Procedure:
-        cls, config = self.jobs.get(job), self.context.config
-        if cls is None:
-            known = ", ".join([*sorted(self.jobs), *config.recipe])
-            raise error("UNKNOWN_JOB", f"'{job}'; there is {known}")
-        return make_procedure(cls, config, params, recipe)
-
-    async def _devices_of(self, procedure: Procedure, patience_s: float = 0.0) -> list[str]:
-        """Names of the devices the job uses; refused unless all are READY.
-
-        A program of the robot's own that asks for a job as its last act has ``patience_s`` to end.
-        """
-        names = [self.context.device(role).name for role in procedure.uses()]
-        if "arm" in procedure.uses():
-            await require_movable(as_kind(self.context.device("arm"), Arm), self.context.clock, patience_s)
-        return names
-
     def _arm(self) -> Arm | None:
         """The arm in whatever state it is; None in a cell without one."""
         name = self.context.config.robot.roles().get("arm")
         return as_kind(self.context.supervisor.devices[name].device, Arm) if name else None
-
-    def _identities(self, devices: list[str]) -> dict[str, Any]:
-        entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
-        return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
 
     async def _execute(self, run: Run, folder: RunFolder, devices: list[str]) -> None:
         """Run the procedure to whichever end, then write that end down once."""

@@ -1,4 +1,4 @@
-"""The ledger: run numbers and calibration versions, beside the records, in one SQLite file.
+"""The ledger: calibration versions, beside the runs and the records, in one SQLite file.
 
 A calibration is *proposed*, *accepted* by someone, *committed* as a new version, and can be rolled back. The
 effective value is the committed version, else the configured value. A version remembers the configured value
@@ -17,8 +17,8 @@ from cell.errors import CellError, error, present
 from cell.store._database import open_database, open_for_reading
 from cell.store.calibration_copy import COLUMNS, FILE, STATES, holds_rows, is_current, write_copy
 from cell.store.files import to_json
-from cell.store.records import Records
 from cell.store.recovery import bring_back
+from cell.store.run_rows import RunRows
 from cell.store.runs import highest_run_id
 from cell.store.summary import summary
 from cell.store.tool_of import ANY_TOOL, ToolOf
@@ -26,7 +26,6 @@ from cell.store.versions_now import LastChange, VersionsNow
 
 CHANGE_KEY = "last_change"
 DAMAGE_KEY = "ledger_damaged"
-MAX_RUN_ID = 2**32 - 1
 OPEN_STATES = ("proposed", "accepted")
 _JSON = ("value", "result", "config_value", "arm_model")
 
@@ -48,7 +47,7 @@ class Effective:
     result: dict[str, Any] | None = None
 
 
-class Ledger(Records):
+class Ledger(RunRows):
     """Every method is one durable transaction and may be called from any thread."""
 
     def __init__(self, path: Path, wall: Callable[[], float] = time.time, *, read_only: bool = False) -> None:
@@ -122,50 +121,6 @@ class Ledger(Records):
             f"SELECT {columns} FROM calibrations WHERE state IN (?, ?) ORDER BY id",
             *STATES,
         )
-
-    # -- runs
-
-    def next_run_id(self) -> int:
-        """A number from 1 that no run had before (uint32, as the registers carry it)."""
-        with self._transaction():
-            run_id = int(self.get_state("run_id", 0)) + 1
-            if run_id > MAX_RUN_ID:
-                raise error("INTERNAL", "the run numbers are used up")
-            self.set_state("run_id", run_id)
-        return run_id
-
-    def start_run(
-        self, run_id: int, job: str, folder: str, who: str, channel: str, tool: str | None = None
-    ) -> None:
-        """``tool`` is what was on the flange, None where that plays no part."""
-        with self._transaction() as db:
-            db.execute(
-                "INSERT INTO runs (run_id, job, folder, who, channel, started, tool)"
-                " VALUES (?, ?, ?, ?, ?, ?, ?)",
-                (run_id, job, folder, who, channel, self._wall(), tool),
-            )
-
-    def end_run(self, run_id: int, outcome: str, verdict: str | None) -> None:
-        """Write how a run ended; a run that a set-aside ledger knew and this one does not is no error."""
-        with self._transaction() as db:
-            db.execute(
-                "UPDATE runs SET ended = ?, outcome = ?, verdict = ? WHERE run_id = ?",
-                (self._wall(), outcome, verdict, run_id),
-            )
-
-    def open_runs(self) -> list[int]:
-        """The numbers of the runs whose end was not written."""
-        return [int(row["run_id"]) for row in self._rows("SELECT run_id FROM runs WHERE ended IS NULL")]
-
-    def runs(self, limit: int = 100) -> list[dict[str, Any]]:
-        """The newest runs first."""
-        return self._rows("SELECT * FROM runs ORDER BY run_id DESC LIMIT ?", limit)
-
-    def runs_since(self, t: float, without: Collection[str], of: ToolOf = ANY_TOOL) -> int:
-        """How many runs ``of`` a tool began after ``t`` (time of day, s), without those of some jobs."""
-        marks = ", ".join("?" for _ in without)
-        query = f"SELECT COUNT(*) AS n FROM runs WHERE started > ? AND job NOT IN ({marks}) AND {of.sql}"
-        return int(self._rows(query, t, *without, *of.values)[0]["n"])
 
     # -- calibrations
 

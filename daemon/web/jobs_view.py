@@ -67,8 +67,8 @@ class JobsView:
     async def _obstacle(self, one: Startable) -> CellError | None:
         """Why it cannot be started; with no tool where a start has to name one."""
         if one.tool is not None or not one.tools:
-            return await self._engine.obstacle(one.name)
-        found = [await self._engine.obstacle(one.name, tool) for tool in one.tools]
+            return await self._engine.needs.obstacle(one.name)
+        found = [await self._engine.needs.obstacle(one.name, tool) for tool in one.tools]
         return None if None in found else found[0]
 
     def _configured(self, name: str) -> bool:

@@ -8,7 +8,8 @@ import numpy as np
 from calibration.planning.prediction import PredictedUncertainty
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.config import Acceptance
-from procedures.hand_eye.result import HandEyeResult, NeighbourSpread, PlainSpread
+from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result_spread import NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.words import deg, mm
 

@@ -14,11 +14,9 @@ from procedures.hand_eye.result import (
     HandEyeResult,
     HandEyeUncertainty,
     MovedCamera,
-    NeighbourBase,
-    NeighbourSpread,
-    Spread,
     TargetScale,
 )
+from procedures.hand_eye.result_spread import NeighbourBase, NeighbourSpread, Spread
 from procedures.plan_words import plan_lines
 from procedures.words import deg, listed, mm, pose_text, sigma_text
 

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.hand_eye.result import HandEyeResult, PlainSpread
+from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result_spread import PlainSpread
 from procedures.hand_eye.words import by_others
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95

@@ -3,15 +3,8 @@
 import numpy as np
 
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.hand_eye.result import (
-    Distance,
-    HandEyeAnswer,
-    HandEyeHeldOut,
-    Intrinsics,
-    LeftOut,
-    NeighbourBase,
-    NeighbourSpread,
-)
+from procedures.hand_eye.result import HandEyeAnswer, HandEyeHeldOut, Intrinsics
+from procedures.hand_eye.result_spread import Distance, LeftOut, NeighbourBase, NeighbourSpread
 from procedures.hand_eye.words import FLOOR_UNKNOWN
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
 from procedures.report.numbers import DASH, deg, mm, mms, px

@@ -21,7 +21,7 @@ from calibration.hand_eye.solution import weak_views
 from cell.errors import error
 from cell.formats.capture import Observation
 from cell.poses import Array, to_pose6
-from procedures.hand_eye.result import NeighbourBase, NeighbourSpread, PlainSpread
+from procedures.hand_eye.result_spread import NeighbourBase, NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.capture import CaptureSet
 
 TOO_WIDE = (

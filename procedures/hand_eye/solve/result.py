@@ -28,10 +28,7 @@ from calibration.hand_eye.views import ideal_corners
 from cell.formats.result import Rejected, Warning_
 from cell.poses import Array, to_pose6
 from procedures.hand_eye.result import (
-    BaseSpread,
     CrossCheck,
-    Distance,
-    Estimates,
     HandEyeAnswer,
     HandEyeHeldOut,
     HandEyeInputs,
@@ -40,10 +37,9 @@ from procedures.hand_eye.result import (
     HandEyeResult,
     HandEyeUncertainty,
     ObservationResidual,
-    Spread,
-    TwoSpreads,
 )
-from procedures.hand_eye.result import LeftOut as MeanLeftOut
+from procedures.hand_eye.result_spread import BaseSpread, Distance, Estimates, Spread, TwoSpreads
+from procedures.hand_eye.result_spread import LeftOut as MeanLeftOut
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.neighbours import Neighbours

@@ -131,7 +131,7 @@ def test_a_start_is_refused_in_one_sentence(tmp_path: Path) -> None:
     config = cell_with(tmp_path, {"joint_speed_rad_s": 0.8}, joint_speeds_rad_s=[0.5, *[3.0] * 5])
 
     async def look(cell: ObjectCell) -> CellError | None:
-        return await cell.engine.obstacle("cone-capture")
+        return await cell.engine.needs.obstacle("cone-capture")
 
     found = with_cell(config, look)
     assert found is not None

@@ -58,7 +58,7 @@ def test_what_is_given_goes_before_the_recipe_and_that_before_the_section(tmp_pa
             assert subject.engine.status()["job_number"] == 2, "the job that runs is told by its own number"
             assert (await halted(subject))["job_config"]["passes"] == 2
             assert await plc.handle(Command(1, 2, 121)) >= 0x8000
-            assert await subject.engine.obstacle("thick-pin") is None
+            assert await subject.engine.needs.obstacle("thick-pin") is None
             refusal = await refused(subject.start(job="thin-pin"))
             assert refusal.name == "UNKNOWN_JOB"
             assert str(refusal).endswith(", thick-pin")

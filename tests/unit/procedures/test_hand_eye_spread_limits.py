@@ -11,7 +11,8 @@ from procedures.hand_eye.comparison import compare_hand_eye
 from procedures.hand_eye.config import Acceptance
 from procedures.hand_eye.report.checks import consistency_section
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.hand_eye.result import HandEyeResult, NeighbourBase, PlainSpread
+from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result_spread import NeighbourBase, PlainSpread
 from procedures.hand_eye.solve.neighbours import Neighbours
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.hand_eye.verdict import judged

@@ -13,7 +13,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.errors import CellError, InputError
 from cell.formats.result import Result
 from cell.poses import from_pose6, log_xi, to_pose6
-from procedures.hand_eye.result import HandEyeAnswer, Spread
+from procedures.hand_eye.result import HandEyeAnswer
+from procedures.hand_eye.result_spread import Spread
 from procedures.hand_eye.words import hand_eye_lines, spread_lines
 from tests.kit.hand_eye_scene import BOARD, CAMERA, POINTS, X_TRUE, make_scene
 from tests.kit.solved import solve_hand_eye
