@@ -5,7 +5,6 @@ vector (axis times angle) in radians. In code a pose is SciPy's ``RigidTransform
 6-vector ``xi`` with translation first, applied on the right: ``T = T_hat exp(xi)``.
 """
 
-from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 Array = NDArray[np.float64]
-Pose6 = Sequence[float]
 
 _TRANSLATION_FIRST = [3, 4, 5, 0, 1, 2]
 

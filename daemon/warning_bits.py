@@ -92,8 +92,3 @@ WARNING_BITS = (
 def warning_bits(cell: WarningContext) -> int:
     """The register's value."""
     return sum(1 << number for number, bit in enumerate(WARNING_BITS) if bit.shown(cell))
-
-
-def warnings_shown(value: int) -> list[str]:
-    """The names of the bits that are set in ``value``."""
-    return [bit.name for number, bit in enumerate(WARNING_BITS) if value >> number & 1]

@@ -15,7 +15,6 @@ from cell.formats.bounds import SMALLEST_M, Direction, Length, Point, Rotation, 
 from cell.formats.reading import Strict, parse
 
 SCHEMA = "cellward.laser/1"
-BEAMS = ("xs", "ys")
 MAX_PASSES = 5000
 MAX_SAMPLES = 200_000  # of one pass
 _MIN_LENGTH = 1e-9

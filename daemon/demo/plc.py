@@ -12,7 +12,7 @@ from pymodbus.exceptions import ModbusException
 from cell.errors import catalogue, error
 from daemon.modbus.table import register_table
 
-COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT, CONTROL_BITS = 0, 1, 4, 10, 11
+COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT = 0, 1, 4, 10
 ENABLE = register_table().bit("control", "enable")
 START, FINISH, RESUME, RESET, ACKNOWLEDGE, CONFIRM = 1, 2, 6, 7, 9, 10
 READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK, ENCODER_OK, TRACKER_OK = (

@@ -1,7 +1,6 @@
 """What every encoder on CAN has: the link, its watch, and counts from positions."""
 
 import asyncio
-import logging
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine, Sequence
 from typing import Any
@@ -18,8 +17,6 @@ from drivers.can_encoder.counts import Missing, Unwrap
 from drivers.can_encoder.stamps import Stamps, stamps_for
 from drivers.can_encoder.suspicions import Flood, TwoSenders
 from drivers.life import SampledDevice
-
-log = logging.getLogger("cellward.devices")
 
 _LOOKS_BEFORE_LOST = 5  # the watch looks so often within lost_after_s
 

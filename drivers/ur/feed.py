@@ -71,7 +71,6 @@ class StateFeed:
         self.speed_fraction = 1.0
         self.payload: tuple[float, Array] | None = None
         self.finding: SafetyFinding | None = None
-        self.finding_arrival = 0.0
         self.repeated = 0
         self.reboots = 0
         self._clock, self._time_offset_s = clock, time_offset_s
@@ -130,7 +129,7 @@ class StateFeed:
             self.repeated += 1
             return
         words = _WORDS_LAYOUT.unpack_from(payload, 1 + 8 * self._doubles)
-        self._judge(words[0], words[1], words[2], arrival)
+        self._judge(words[0], words[1], words[2])
         self.runtime_state = words[3]
         self.speed_fraction = float(block[25])
         if (place := self._places.get("tcp_offset")) is not None:
@@ -157,7 +156,7 @@ class StateFeed:
                 "ARM_REBOOTED", f"the controller's clock went from {self._stamp:.3f} s to {stamp:.3f} s"
             )
 
-    def _judge(self, robot_mode: int, safety_mode: int, bits: int, arrival: float) -> None:
+    def _judge(self, robot_mode: int, safety_mode: int, bits: int) -> None:
         modes = (robot_mode, safety_mode, bits)
         if modes == self._modes and not self._rebooted:
             return
@@ -167,7 +166,7 @@ class StateFeed:
             finding = SafetyFinding("ARM_REBOOTED", finding.detail)
         self._rebooted = self._rebooted and robot_mode != ROBOT_RUNNING
         if finding != self.finding:
-            self.finding, self.finding_arrival = finding, arrival
+            self.finding = finding
 
     def _push(self, stamp: float, arrival: float, block: Array, words: tuple[int, ...]) -> None:
         self._fresh = self._model.observe(stamp, arrival)

@@ -56,15 +56,6 @@ class Package:
 
 
 @dataclass(frozen=True)
-class Message:
-    """A text the controller sent on its own; level 0 is an exception, 1 error, 2 warning, 3 information."""
-
-    text: str
-    source: str
-    level: int
-
-
-@dataclass(frozen=True)
 class Recipe:
     """The variables of one data package, in order, with the types the controller answered."""
 
@@ -146,20 +137,6 @@ def parse_controller_version(payload: bytes) -> tuple[int, int, int, int]:
         raise error("PROTOCOL_VIOLATION", f"controller version of {len(payload)} bytes")
     major, minor, bugfix, build = struct.unpack(">4I", payload)
     return major, minor, bugfix, build
-
-
-def parse_message(payload: bytes) -> Message:
-    """A text message of protocol version 2; a damaged one gives what can be read."""
-    text, rest = _short_text(payload)
-    source, rest = _short_text(rest)
-    return Message(text, source, rest[0] if rest else 3)
-
-
-def _short_text(data: bytes) -> tuple[str, bytes]:
-    if not data:
-        return "", b""
-    end = 1 + data[0]
-    return data[1:end].decode("utf-8", "replace"), data[end:]
 
 
 class Splitter:

@@ -28,7 +28,6 @@ class RtdeLink:
     def __init__(self, host: str, sock: socket.socket, clock: Clock, on_lost: OnLost) -> None:
         self.host = host
         self.messages = 0
-        self.last_message: rtde.Message | None = None
         self._sock, self._clock, self._on_lost = sock, clock, on_lost
         self._loop = asyncio.get_running_loop()
         self._splitter = Splitter()
@@ -150,7 +149,6 @@ class RtdeLink:
                     self._on_data(package.payload, arrival)
             elif package.kind is PackageType.MESSAGE:
                 self.messages += 1
-                self.last_message = rtde.parse_message(package.payload)
             elif package.kind is self._reply_kind and self._reply is not None:
                 if not self._reply.done():
                     self._reply.set_result(package)

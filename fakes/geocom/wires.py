@@ -34,12 +34,7 @@ class StationWires:
         faults: LineFaults | None = None,
         more: "Wire | None" = None,
     ) -> None:
-        self.instrument, self.faults, self.line_path, self._more = (
-            instrument,
-            faults or LineFaults(),
-            line,
-            more,
-        )
+        self.instrument, self.faults, self._more = instrument, faults or LineFaults(), more
         self.clients: set[Client] = set()
         self._listener = Listener(lambda: Client(self), places)
         self._serial: Conversation | None = None

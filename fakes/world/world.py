@@ -247,12 +247,6 @@ class World:
         track = self.observed.track if on == "observed" and self.observed is not None else self.track
         return on == "base" or not track.is_moving(t)
 
-    def reflector_position(self, name: str, t: float) -> Array:
-        """The true centre (3,) of a reflector in the base, m; ``CONFIG_INVALID`` when there is none."""
-        if self.tracker is None or name not in self.tracker.reflectors:
-            raise error("CONFIG_INVALID", f"the scenario has no reflector {name}")
-        return self.tracker.visibility.position(name, t)
-
     def _links(self, t: float) -> Array:
         """Of the arm that a tracker is there for: a UR beside an observed arm is parked out of the way."""
         if self.observed is not None:

@@ -179,7 +179,7 @@ def test_each_output_is_written_in_its_own_bank(rig: Rig, genuine: Genuine, outp
 def test_a_single_item_lies_in_this_modules_world() -> None:
     world = World.from_scenario(Scenario.parse(one_item_under_the_tool()))
     assert world.items is not None
-    assert [number for number, _ in world.items.on_belt(1.0, -1.0, 1.0)] == [0]
+    assert world.items.numbers(1.0, -1.0, 1.0) == [0]
 
 
 OPENS = 1  # with a valve of two coils, or what blows a vacuum off

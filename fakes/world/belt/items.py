@@ -78,10 +78,6 @@ class Items:
         """Become a copy of the items of which :meth:`taken` this is."""
         self._taken = dict(taken)
 
-    def on_belt(self, t: float, low_m: float, high_m: float) -> list[tuple[int, RigidTransform]]:
-        """Items between ``low_m`` and ``high_m`` along the belt at ``t``: number and ``T_base_top``."""
-        return [(number, self.pose(number, t)) for number in self.numbers(t, low_m, high_m)]
-
     def numbers(self, t: float, low_m: float, high_m: float) -> list[int]:
         """Those between ``low_m`` and ``high_m`` along the belt at ``t``, farthest down the belt first."""
         truth, travel = self.truth, self.belt.travel_at(t)

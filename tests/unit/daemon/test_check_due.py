@@ -15,11 +15,11 @@ from daemon.config import CellConfig, load_config
 from daemon.config.checks import CALIBRATED_ROLES
 from daemon.modbus import register_table
 from daemon.plc import PlcFace
-from daemon.warning_bits import warnings_shown
 from fakes.object import VirtualClock, run_virtual
 from procedures.kind import KINDS
 from procedures.registry import JOBS
 from tests.kit.object_cell import open_cell, write_config
+from tests.kit.warnings_shown import warnings_shown
 
 TOOL, CAMERA = "T_flange_tool.probe", "T_flange_camera"
 BEGIN = 1_800_000_000.0

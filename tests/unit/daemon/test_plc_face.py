@@ -12,9 +12,9 @@ from cell.packml import PackML
 from daemon.config import CellConfig
 from daemon.modbus import Command
 from daemon.plc import PlcFace
-from daemon.warning_bits import warnings_shown
 from fakes.object import run_virtual
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
+from tests.kit.warnings_shown import warnings_shown
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

@@ -6,7 +6,8 @@ import pytest
 
 from cell.formats.result import Figures
 from daemon.modbus import register_table
-from daemon.warning_bits import WARNING_BITS, WarningContext, warning_bits, warnings_shown
+from daemon.warning_bits import WARNING_BITS, WarningContext, warning_bits
+from tests.kit.warnings_shown import warnings_shown
 
 QUIET: dict[str, Any] = {
     "steps_taken_again": 0,

@@ -58,16 +58,6 @@ def test_a_recipe_reply_that_does_not_answer_the_question_is_a_violation(reply: 
     assert caught.value.name == "PROTOCOL_VIOLATION"
 
 
-def test_a_text_message_gives_text_source_and_level() -> None:
-    subject = rtde.parse_message(b"\x05hello\x03URC\x02")
-    assert (subject.text, subject.source, subject.level) == ("hello", "URC", 2)
-
-
-@given(st.binary(max_size=40))
-def test_any_text_message_can_be_read(payload: bytes) -> None:
-    assert 0 <= rtde.parse_message(payload).level <= 255
-
-
 def test_the_controller_version_is_four_numbers() -> None:
     assert rtde.parse_controller_version(struct.pack(">4I", 5, 12, 4, 1101)) == (5, 12, 4, 1101)
 

@@ -155,7 +155,7 @@ def test_the_world_knows_where_a_reflector_on_the_observed_arm_is() -> None:
         arm = world.observed
         assert arm is not None
         expected = arm.true_flange(0.0).apply(world.config.reflectors["smr1"].point)
-        np.testing.assert_array_equal(world.reflector_position("smr1", 0.0), expected)
+        np.testing.assert_array_equal(world.tracker.visibility.position("smr1", 0.0), expected)
         assert world.truth(0.0)["observed"]["serial"] == "99995500001"
 
     run_virtual(look())

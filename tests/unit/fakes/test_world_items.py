@@ -75,12 +75,12 @@ def test_every_item_within_a_stretch_is_listed_and_no_other(items: Items) -> Non
     for t in (0.0, 2.0, 7.7, 30.0):
         along = {n: float(T_BASE_BELT.inv().apply(items.pose(n, t).translation)[0]) for n in range(60)}
         wanted = {n for n, x in along.items() if -0.6 <= x <= 0.9}
-        assert {n for n, _ in items.on_belt(t, -0.6, 0.9)} == wanted
+        assert set(items.numbers(t, -0.6, 0.9)) == wanted
 
 
 def test_a_feed_of_three_ends_after_the_third() -> None:
     items = Items(TRUTH.model_copy(update={"count": 3}), Belt(), seed=7)
-    assert [n for n, _ in items.on_belt(6.0, -5.0, 1.4)] == [0, 1, 2]
+    assert items.numbers(6.0, -5.0, 1.4) == [0, 1, 2]
 
 
 def test_heights_are_drawn_between_two_and_change_nothing_else(items: Items) -> None:
@@ -117,8 +117,8 @@ def test_fingers_that_close_right_take_the_item_off_the_belt_from_then_on(items:
     gripper = closed_on(items, Tool(items, 1, np.array([0.001, -0.001, 0.0])))
     assert gripper.holds(3.99) is None
     assert gripper.holds(4.01) == 1
-    assert [n for n, _ in items.on_belt(4.1, -0.2, 1.0)].count(1) == 0
-    assert [n for n, _ in items.on_belt(3.9, -0.2, 1.0)].count(1) == 1
+    assert items.numbers(4.1, -0.2, 1.0).count(1) == 0
+    assert items.numbers(3.9, -0.2, 1.0).count(1) == 1
 
 
 @pytest.mark.parametrize(
