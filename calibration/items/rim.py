@@ -103,7 +103,7 @@ def _moved(picture: NDArray[np.float32], contour: Array, foot: Foot) -> Rim | No
     beyond = np.where(wide[:, None], next_to, belt)
     contrast = np.linalg.norm(beyond - own, axis=1)
     way = (beyond - own) / np.maximum(contrast, 1e-9)[:, None] ** 2
-    rise = np.einsum("nsc,nc->ns", seen - own[:, None], way)
+    rise = (seen @ way[..., None])[..., 0] - np.sum(own * way, axis=1)[:, None]
     middle, last = _middle(s, rise, side)
     plain = (contrast > _LEAST_CONTRAST) & (np.abs(last - 1.0) < _OTHER) & ~corner & (alone | wide)
     shade, doubt, smear = _shades(s, rise, side, middle, normal, np.where(plain, sides, -1))
