@@ -6,7 +6,6 @@ own group, so every local pose is eliminated by itself (Schur complement) and no
 number of groups.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye.noise import inverse_spd
-from calibration.hand_eye.normal import row_blocks
+from calibration.hand_eye.normal import each_group, row_blocks
 from cell.poses import Array
 
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
@@ -193,7 +192,7 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
         G, L, P, r = obs.of_global[rows], obs.of_local[rows], weight[rows], obs.r[rows]
         PG, PL = P @ G, P @ L
         Pr = (P @ r[..., None])[..., 0]
-        for one, own in _each(obs.group[rows]):
+        for one, own in each_group(obs.group[rows]):
             Lt = L[own].reshape(-1, 6).T
             LL[one] += Lt @ PL[own].reshape(-1, 6)
             LG[one] += Lt @ PG[own].reshape(-1, m)
@@ -209,14 +208,3 @@ def equations(obs: Observations, V: Array, variance_of_sums: float, prior: Prior
     N += obs.info / variance_of_sums + np.diag(prior.precision)
     g += obs.pull / variance_of_sums + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
-
-
-def _each(group: NDArray[np.int64]) -> Iterator[tuple[int, slice | NDArray[np.int64]]]:
-    """Each group in ``group`` (k,) with its rows: a slice where they follow each other."""
-    if np.all(group[1:] >= group[:-1]):
-        first = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
-        for start, end in zip(first, [*first[1:], len(group)], strict=True):
-            yield int(group[start]), slice(start, end)
-        return
-    for one in np.unique(group).tolist():
-        yield one, np.flatnonzero(group == one)

@@ -5,6 +5,7 @@ observation touches X and its own W only, so every W is eliminated on its own (S
 grow with n, none with n times groups, and no matrix is larger than 12 x 12.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -143,8 +144,25 @@ def row_blocks(n: int) -> list[slice]:
 
 def normal(lin: Linearised, weight: Array) -> Normal:
     """Normal equations ``J^T V^-1 J`` and ``J^T V^-1 r`` for weights V^-1 (n, 6, 6)."""
-    own, g = own_normal(lin, weight)
-    return gathered(own, g, lin.problem.group, lin.problem.groups)
+    J, problem = lin.J, lin.problem
+    weighted = np.empty((problem.n, 6, 13))
+    np.matmul(weight, J, out=weighted[..., :12])
+    np.matmul(weight, lin.r[..., None], out=weighted[..., 12:])
+    sums = np.zeros((problem.groups, 12, 13))
+    for one, own in each_group(problem.group):
+        sums[one] = J[own].reshape(-1, 12).T @ weighted[own].reshape(-1, 13)
+    return Normal(sums[..., :12], sums[..., 12])
+
+
+def each_group(group: Groups) -> Iterator[tuple[int, slice | Groups]]:
+    """Each group in ``group`` (k,) with its rows: a slice where they follow each other."""
+    if np.all(group[1:] >= group[:-1]):
+        first = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
+        for start, end in zip(first, [*first[1:], len(group)], strict=True):
+            yield int(group[start]), slice(start, end)
+        return
+    for one in np.unique(group).tolist():
+        yield one, np.flatnonzero(group == one)
 
 
 def own_normal(lin: Linearised, weight: Array) -> tuple[Array, Array]:

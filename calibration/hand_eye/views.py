@@ -9,7 +9,7 @@ import numpy as np
 from cell.devices import Intrinsics
 from cell.poses import Array
 
-_BLOCK = 128  # views
+_BLOCK = 200  # views
 _NEWTON, _SHORT = 10, 1e-6  # a step that is so short leaves its square, 1e-12
 
 

@@ -87,7 +87,10 @@ def test_leaving_out_of_many_observations_does_not_depend_on_their_order() -> No
     np.testing.assert_allclose(one.expected[order], other.expected, rtol=1e-9, atol=1e-15)
 
 
-def test_what_images_say_of_lens_and_target_is_that_of_each_by_itself() -> None:
+def test_what_images_say_of_lens_and_target_is_that_of_each_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("calibration.hand_eye.views._BLOCK", 128)
     rng = np.random.default_rng(1)
     measured, _ = imperfect_cell.capture(rng, imperfect_cell.world(rng, 0.0, "exact", "exact"), "diverse")
     views = [v for v in measured.views if v is not None]

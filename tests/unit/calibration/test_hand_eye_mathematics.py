@@ -86,7 +86,7 @@ def test_poses_of_many_views_are_those_of_each_alone() -> None:
         seen = rng.random(54) < 0.8
         views.append(CornerSet((0.1 if k % 2 else 1.0) * POINTS[seen], uv[seen], np.ones(seen.sum())))
     poses, owner = solve_pnp(views, CAMERA)
-    for k in (0, 1, 127, 128, 299):
+    for k in (0, 1, 199, 200, 299):
         own, _ = solve_pnp(views[k : k + 1], CAMERA)
         assert np.allclose(poses.C[owner == k], own.C, atol=1e-10)
         assert np.allclose(poses.cov[owner == k], own.cov, rtol=1e-6)
