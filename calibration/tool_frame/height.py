@@ -141,10 +141,14 @@ def _chances(
 ) -> Iterator[Array]:
     """For each of ``glimpses`` (E, n) how likely its polls are with an arm that is where it should be."""
     depth = grid - np.array([[g.height] for g in glimpses]).reshape(-1, 1)
-    lengths = {s: view.lengths(ends, depth, s) for s in {g.sense for g in glimpses}}
+    lengths = np.empty((len(ends), *depth.shape))
+    senses = np.array([g.sense for g in glimpses])
+    for sense in set(senses.tolist()):
+        own = senses == sense
+        lengths[:, own] = view.lengths(ends, depth[own], sense)
     others = np.array([[end.kind == "other"] for end in ends])
     for k, g in enumerate(glimpses):
-        chance = g.at(lengths[g.sense][:, k])
+        chance = g.at(lengths[:, k])
         if g.hit:  # deep down the end's shape is not as simple
             far, unknown = depth[k] > NEAR_M, others & (depth[k] > 0.0)
             of_any = g.of_any(view.chord)

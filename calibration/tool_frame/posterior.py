@@ -20,6 +20,7 @@ are the same in every call.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from calibration.tool_frame.averaging import AveragingFit, design
@@ -162,31 +163,32 @@ class _Walks:
 
     def _seen(self, u: Array) -> tuple[Array, Array]:
         """Noise with the places of change left open, and then these; (n, count) each."""
-        a, b, flip, s = self._cut(u, self.sigma)
+        a, b, mirrored, s = self._cut(u, self.sigma)
         chance = b - a
         if self.known is None:
             other = self.sigma * np.exp(_STEP * self.rng.standard_normal(self.count))
-            a1, b1, flip1, s1 = self._cut(u, _within(other, self.least, self.most))
+            a1, b1, mirrored1, s1 = self._cut(u, _within(other, self.least, self.most))
             chance1 = b1 - a1
             gain = np.sum(np.log(np.maximum(chance1, 1e-300) / np.maximum(chance, 1e-300)), axis=0)
             gain += self._noise_prior(other) - self._noise_prior(self.sigma)
             take = (np.log(self.rng.random(self.count)) < gain) & (other >= self.least) & (other <= self.most)
             self.sigma = np.where(take, other, self.sigma)
             a, chance = np.where(take, a1, a), np.where(take, chance1, chance)
-            flip, s = np.where(take, flip1, flip), np.where(take, s1, s)
+            mirrored, s = np.where(take, mirrored1, mirrored), np.where(take, s1, s)
         elif self.sigma[0] > self.known:
             self.sigma = np.maximum(0.6 * self.sigma, self.known)
         z = ndtri(_within(a + chance * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
-        return s, _within(u + flip * s * z, self.low, self.high)
+        z *= s
+        return s, _within(u + np.where(mirrored, -z, z), self.low, self.high)
 
-    def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, Array, Array]:
-        """The normal distribution at both ends of the intervals, mirrored into the lower tail; the mirror's
-        sign; and ``s``."""
+    def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+        """The normal distribution at both ends of the intervals, mirrored into the lower tail; where it is
+        mirrored; and ``s``."""
         s = np.sqrt(self.soft2 + sigma**2)
         low, high = (self.low - u) / s, (self.high - u) / s
-        flip = np.where(low + high > 0.0, -1.0, 1.0)
-        first, second = np.where(flip > 0.0, low, -high), np.where(flip > 0.0, high, -low)
-        return ndtr(np.maximum(first, -_FAR - 1.0)), ndtr(np.maximum(second, -_FAR)), flip, s
+        mirrored = low + high > 0.0
+        first, second = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
+        return ndtr(np.maximum(first, -_FAR - 1.0)), ndtr(np.maximum(second, -_FAR)), mirrored, s
 
     def _noise_prior(self, sigma: Array) -> Array:
         """Logarithm of how likely ``log sigma`` is before the data: a half-Cauchy (Gelman 2006) with

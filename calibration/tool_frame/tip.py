@@ -101,21 +101,24 @@ class ToolInBeam:
         above it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
         d = np.maximum(depth, 0.0)
         found = np.full((len(ends), *d.shape), self.chord)
-        breaks: dict[tuple[str, float, float], Array] = {}  # the part that does not depend on the band
+        balls: dict[float, tuple[Array, Array, Array]] = {}  # the parts that do not depend on the band
+        begins: dict[tuple[str, float], Array] = {}
         for k, end in enumerate(ends):
-            shape = end.kind, end.ratio, end.rim
             if end.kind in ("ball", "other"):
                 wide = end.ratio * self.chord
-                deep = np.minimum(d, 0.5 * wide)
-                if shape not in breaks:
-                    breaks[shape] = np.sqrt(deep * (wide - deep))
-                found[k] = breaks[shape] + np.sqrt((deep + end.band) * (wide - deep))
+                if wide not in balls:
+                    deep = np.minimum(d, 0.5 * wide)
+                    rest = wide - deep
+                    balls[wide] = deep, rest, np.sqrt(deep * rest)
+                deep, rest, begin = balls[wide]
+                np.add(begin, np.sqrt((deep + end.band) * rest), out=found[k])
             elif end.kind in ("edge", "flat"):
                 up, low, high = self._edge if end.kind == "edge" else self._flat(end.rim)
                 first, last = (high, low) if sense > 0.0 else (low, high)
-                if shape not in breaks:
-                    breaks[shape] = np.interp(d, up, first)
-                found[k] = np.abs(breaks[shape] - np.interp(d + end.band, up, last))
+                shape = end.kind, end.rim
+                if shape not in begins:
+                    begins[shape] = np.interp(d, up, first)
+                np.abs(begins[shape] - np.interp(d + end.band, up, last), out=found[k])
         np.minimum(found, self.chord, out=found)
         return np.where(depth > 0.0, found, 0.0)
 

@@ -133,6 +133,23 @@ def test_the_log_likelihood_adds_up_pairs_of_ways_folded_with_what_is_theirs_and
     assert log_likelihood(seen, VIEW, ends, scatter, grid) == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_way_out_and_one_back_are_each_judged_by_the_breaks_of_their_own_direction() -> None:
+    """A flat end that is tilted leaves the beam late on ways in one direction, and not in the other."""
+    rng, scatter, grid = np.random.default_rng(9), scatter_of(2e-5), np.linspace(-2e-4, 2e-4, 81)
+    normal = np.array([0.0, np.cos(0.02), np.sin(0.02)])
+    view = replace(VIEW, axis=np.array([0.0, np.sin(0.02), -np.cos(0.02)]), n=normal)
+    ends = [TipShape("flat", 0.5, band=8e-5, rim=2e-4), TipShape("edge", 0.5, band=8e-5), ROUND_END]
+    ways = [
+        replace(crossed(rng, ROUND_END, 1e-4 - h, h, k), sense=1.0 - 2.0 * (k % 2))
+        for k, h in enumerate([0.0, 0.0, 5e-5, 3e-5])
+    ]
+    alone = [log_likelihood([way], view, ends, scatter, grid) for way in ways]
+    found = log_likelihood(ways, view, ends, scatter, grid)
+    assert found == pytest.approx(np.sum(alone, axis=0), abs=1e-9)
+    other = log_likelihood([replace(ways[0], sense=-1.0)], view, ends, scatter, grid)
+    assert np.max(np.abs(other - alone[0])[:2]) > 0.1
+
+
 @pytest.mark.parametrize("points", [0.01, 0.4, 3.0, 60.0])
 def test_a_fold_takes_from_each_point_what_its_cell_has_of_the_normal_and_goes_on_beyond_the_ends(
     points: float,
