@@ -49,7 +49,7 @@ class _JumpingSelector(selectors.BaseSelector):
         self._real = selectors.DefaultSelector()
         self.now = 0.0
         self.outside = 0
-        self.own_fds = 0  # the loop's own wake-up pipe is no source of events
+        self.own_fds = self.fds = 0  # the loop's own wake-up pipe is no source of events
         self.ticking: list[Ticks] = []
         self.woken = False  # the loop was given something to do since this was False
         self._failed = failed
@@ -69,7 +69,7 @@ class _JumpingSelector(selectors.BaseSelector):
         if timeout is not None:
             self.now += timeout
             return []
-        if len(self._real.get_map()) <= self.own_fds:
+        if self.fds <= self.own_fds:
             raise DeadlockError("nothing is scheduled, and no file or executor job can wake the loop")
         return self._real.select(None)
 
@@ -96,7 +96,7 @@ class _JumpingSelector(selectors.BaseSelector):
     def _look(self, timeout: float | None) -> list[tuple[selectors.SelectorKey, int]]:
         """What is ready now. Where only the loop's own pipe could be, the question is seldom put to the
         system: what a thread hands over is seen at the next turn without it, and signals can wait so long."""
-        alone = timeout is not None and not self.outside and len(self._real.get_map()) <= self.own_fds
+        alone = timeout is not None and not self.outside and self.fds <= self.own_fds
         if alone and self._unlooked < _SELDOM:
             self._unlooked += 1
             return []
@@ -104,10 +104,14 @@ class _JumpingSelector(selectors.BaseSelector):
         return self._real.select(0)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        return self._real.register(fileobj, events, data)
+        key = self._real.register(fileobj, events, data)
+        self.fds = len(self._real.get_map())
+        return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        return self._real.unregister(fileobj)
+        key = self._real.unregister(fileobj)
+        self.fds = len(self._real.get_map())
+        return key
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         return self._real.modify(fileobj, events, data)
@@ -125,7 +129,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self) -> None:
         self._jumping = _JumpingSelector(self._tick_failed)
         super().__init__(self._jumping)
-        self._jumping.own_fds = len(self._jumping.get_map())
+        self._jumping.own_fds = self._jumping.fds
 
     def time(self) -> float:
         return self._jumping.now

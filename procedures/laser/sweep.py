@@ -197,8 +197,10 @@ class Recording:
         return True
 
     def _take(self, sample: Sample[InputsState]) -> None:
-        moved = Sample(sample.value, sample.t - self._offset_s, sample.dt, sample.seq, sample.quality)
-        self.polls.append(moved)
+        if self._offset_s:
+            t = sample.t - self._offset_s
+            sample = Sample(sample.value, t, sample.dt, sample.seq, sample.quality)
+        self.polls.append(sample)
         self._came.set()
 
     def _now(self) -> tuple[int, int]:

@@ -164,11 +164,11 @@ class Chain:
         gap = _gap(goal, reached)
         damping = 1e-6
         for _ in range(100):
-            if np.max(np.abs(gap)) < tolerance:
+            if max(map(abs, gap.tolist())) < tolerance:
                 return q
             J = self._jacobian(carried, reached, (0.0, 0.0, 0.0))
             step = J.T @ np.linalg.solve(J @ J.T + damping * _SIX, gap)
-            step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
+            step *= min(1.0, 0.5 / max(*map(abs, step.tolist()), 1e-12))
             candidate = q + step
             new_carried = self.partial(candidate)
             new_reached = new_carried[-1] @ self.M
@@ -204,10 +204,14 @@ def skew(v: Array) -> Array:
 def displacement(xi: Array) -> Array:
     """SE(3) exponential (4, 4) of ``xi`` (6,) = (translation part, rotation part), m and rad."""
     angle = math.hypot(*xi[3:].tolist())
+    if angle == 0.0:
+        shift = np.eye(4)
+        shift[:3, 3] = xi[:3]
+        return shift
     hat = skew(xi[3:])
     square = hat @ hat
     half = 0.5 * angle
-    b = 0.5 * (math.sin(half) / half) ** 2 if angle > 0.0 else 0.5
+    b = 0.5 * (math.sin(half) / half) ** 2
     # Its difference of near equals is lost below a hundredth, where two terms of its series are exact.
     c = (angle - math.sin(angle)) / angle**3 if angle > 0.01 else (1.0 - angle**2 / 20.0) / 6.0
     a = 1.0 - c * angle**2

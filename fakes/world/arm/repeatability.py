@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -35,6 +35,11 @@ class Blend:
             part = np.clip((times - self.start) / (self.end - self.start), 0.0, 1.0)[:, None]
         out: Array = (1.0 - part) * self.before + part * self.after
         return out
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether the flange is off by a turn as well, and not by a shift alone."""
+        return bool(self.before[3:].any() or self.after[3:].any())
 
     def rate(self, t: float, lever_m: float) -> float:
         """How fast (m/s) a point ``lever_m`` from the flange moves by this at ``t`` and later, at most."""

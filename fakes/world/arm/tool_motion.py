@@ -31,10 +31,14 @@ class Piece:
 
     def axes(self, times: Array) -> Array:
         """Ends of the capsules' axes in the base, (n, m, 2, 3) m, at ``times`` (n,) of this piece."""
-        flange = self.arm.matrix(joints(self.segment, times))
-        turn, shift = _small_moves(self.blend.many(times))
-        turned = flange[:, :3, :3] @ turn
-        place = (flange[:, :3, :3] @ shift)[:, None, :, 0] + flange[:, None, :3, 3]
+        flange, xi = self.arm.matrix(joints(self.segment, times)), self.blend.many(times)
+        turned, shift = flange[:, :3, :3], xi[:, :3, None]
+        turn: Array | None = None
+        if self.blend.turns:
+            turn, shift = _small_moves(xi)
+        place = (turned @ shift)[:, None, :, 0] + flange[:, None, :3, 3]
+        if turn is not None:
+            turned = turned @ turn
         out: Array = self.ends.reshape(-1, 3) @ turned.swapaxes(1, 2) + place
         return out.reshape(len(times), *self.ends.shape)
 
