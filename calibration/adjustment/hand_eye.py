@@ -347,10 +347,12 @@ def numbered_alike(
 
 
 def _printed(views: Sequence[CornerSet], shape: TargetShape, numbers: Array) -> list[CornerSet]:
-    out = []
+    """Views of the target as it is printed; those that share their points share them again."""
+    printed: dict[int, Array] = {}
     for rows in blocks(len(views)):
-        some = views[rows]
-        points = shape.moved(np.concatenate([v.points for v in some]), numbers)
-        own = np.split(points, np.cumsum([len(v.points) for v in some])[:-1])
-        out += [CornerSet(p, v.corners, v.count, v.start) for p, v in zip(own, some, strict=True)]
-    return out
+        new = {id(v.points): v.points for v in views[rows] if id(v.points) not in printed}
+        if new:
+            points = shape.moved(np.concatenate([*new.values()]), numbers)
+            ends = np.cumsum([len(p) for p in new.values()])[:-1]
+            printed |= zip(new, np.split(points, ends), strict=True)
+    return [CornerSet(printed[id(v.points)], v.corners, v.count, v.start) for v in views]

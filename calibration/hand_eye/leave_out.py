@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.normal import Linearised, Normal, gathered, own_normal, pseudo_inverse
+from calibration.hand_eye.normal import (
+    Linearised,
+    Normal,
+    gathered,
+    normal,
+    own_normal,
+    pseudo_inverse,
+    row_blocks,
+)
 from cell.poses import Array
 
 FOLDS = 5
@@ -48,22 +56,27 @@ def leave_one_out(lin: Linearised, weight: Array) -> LeftOut:
     Only its own group changes with it: the others are added up once, so the cost grows with n alone.
     """
     problem = lin.problem
-    own, g = own_normal(lin, weight)
     size = np.bincount(problem.group, minlength=problem.groups)
     rows = np.flatnonzero(size[problem.group] > 1)
     if not len(rows) or 6 * (problem.n - 1) < 6 + 6 * problem.groups + 6:
         return _NONE
-    group = problem.group[rows]
-    everything = gathered(own, g, problem.group, problem.groups)
+    everything = normal(lin, weight)
     others = everything.eliminated
-    rest = Normal(everything.own[group] - own[rows], everything.g[group] - g[rows])
-    part = rest.eliminated
-    schur = part.schur + _all_but_one(others.schur)[group]
-    gradient = part.gradient + _all_but_one(others.gradient)[group]
-    x = (pseudo_inverse(schur) @ gradient[..., None])[..., 0]
-    w = (part.inverse @ rest.g[:, 6:, None] - part.carry @ x[..., None])[..., 0]
-    mine = se3.inverse(problem.G[rows]) @ (lin.at.X @ se3.exp(-x)) @ problem.C[rows]
-    return LeftOut(rows, *pose_distances(mine, lin.at.W[group] @ se3.exp(-w)))
+    schur_of_others, gradient_of_others = _all_but_one(others.schur), _all_but_one(others.gradient)
+    t, r = np.empty(len(rows)), np.empty(len(rows))
+    for some in row_blocks(len(rows)):
+        left = rows[some]
+        group = problem.group[left]
+        own, g = own_normal(lin, weight, left)
+        rest = Normal(everything.own[group] - own, everything.g[group] - g)
+        part = rest.eliminated
+        schur = part.schur + schur_of_others[group]
+        gradient = part.gradient + gradient_of_others[group]
+        x = (pseudo_inverse(schur) @ gradient[..., None])[..., 0]
+        w = (part.inverse @ rest.g[:, 6:, None] - part.carry @ x[..., None])[..., 0]
+        mine = se3.inverse(problem.G[left]) @ (lin.at.X @ se3.exp(-x)) @ problem.C[left]
+        t[some], r[some] = pose_distances(mine, lin.at.W[group] @ se3.exp(-w))
+    return LeftOut(rows, t, r)
 
 
 def _all_but_one(parts: Array) -> Array:

@@ -119,7 +119,11 @@ def inverse_spd(V: Array) -> Array:
     """Inverses of symmetric matrices (n, k, k) that mix metres and radians."""
     s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
     scale = s[:, :, None] * s[:, None, :]
-    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)
+    scaled = V * scale
+    scaled += 1e-13 * np.eye(V.shape[1])
+    out: Array = np.linalg.inv(scaled)
+    out *= scale
+    return out
 
 
 def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:

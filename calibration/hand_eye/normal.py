@@ -17,7 +17,7 @@ from cell.poses import Array
 
 _CONVERGED = 1e-12  # gain of a step over the cost
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
-_BLOCK = 250  # observations
+_BLOCK, _MANY = 250, 1000  # observations
 _SOUND = 1e-10  # determinant of a matrix of unit diagonal that is inverted without its eigenvalues
 
 
@@ -35,7 +35,10 @@ class Linearised:
 def linearise(problem: Problem, at: Estimate) -> Linearised:
     """Residuals and Jacobians of all observations at ``at``."""
     r, predicted = residuals(problem, at)
-    return Linearised(problem, at, r, predicted, np.concatenate(jacobians(r, predicted), axis=2))
+    J = np.empty((problem.n, 6, 12))
+    for rows in row_blocks(problem.n, _MANY):
+        J[rows, :, :6], J[rows, :, 6:] = jacobians(r[rows], predicted[rows])
+    return Linearised(problem, at, r, predicted, J)
 
 
 @dataclass(frozen=True)
@@ -136,10 +139,10 @@ def pseudo_inverse(N: Array) -> Array:
     return out
 
 
-def row_blocks(n: int) -> list[slice]:
+def row_blocks(n: int, most: int = _BLOCK) -> list[slice]:
     """Of n observations some hundred at a time, for what takes much memory of each: products over 100
     unknowns of so many take 5 MB."""
-    return [slice(k, min(k + _BLOCK, n)) for k in range(0, n, _BLOCK)]
+    return [slice(k, min(k + most, n)) for k in range(0, n, most)]
 
 
 def normal(lin: Linearised, weight: Array) -> Normal:
@@ -165,10 +168,12 @@ def each_group(group: Groups) -> Iterator[tuple[int, slice | Groups]]:
         yield one, np.flatnonzero(group == one)
 
 
-def own_normal(lin: Linearised, weight: Array) -> tuple[Array, Array]:
-    """Contributions (n, 12, 12) and (n, 12) of the observations."""
-    JtP = np.swapaxes(lin.J, 1, 2) @ weight
-    return JtP @ lin.J, (JtP @ lin.r[..., None])[..., 0]
+def own_normal(lin: Linearised, weight: Array, rows: Groups | None = None) -> tuple[Array, Array]:
+    """Contributions (n, 12, 12) and (n, 12) of the observations, or of some ``rows`` of them."""
+    take = slice(None) if rows is None else rows
+    J = lin.J[take]
+    JtP = np.swapaxes(J, 1, 2) @ weight[take]
+    return JtP @ J, (JtP @ lin.r[take][..., None])[..., 0]
 
 
 def gathered(own: Array, g: Array, group: Groups, groups: int) -> Normal:

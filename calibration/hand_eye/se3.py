@@ -95,7 +95,11 @@ def right_jacobian_inverse(xi: Array) -> Array:
     ad[..., :3, :3] = ad[..., 3:, 3:] = hat(xi[..., 3:])
     ad[..., :3, 3:] = hat(xi[..., :3])
     ad2 = ad @ ad
-    return np.asarray(np.eye(6) + 0.5 * ad + ad2 / 12.0 - (ad2 @ ad2) / 720.0)
+    ad *= 0.5
+    ad += np.eye(6)
+    ad += ad2 / 12.0
+    ad -= (ad2 @ ad2) / 720.0
+    return ad
 
 
 def mean_pose(T: Array) -> Array:
