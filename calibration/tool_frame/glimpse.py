@@ -7,6 +7,7 @@ from those polls and no others. A pass whose polls could not have seen a break t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +46,14 @@ class Glimpse:
         """Mean length of the breaks that the polls of a hit allow, m."""
         return float(np.sum(self.chance * self.lengths) / max(np.sum(self.chance), 1e-300))
 
+    @cached_property
+    def _seen_m(self) -> float:
+        """``chance`` summed over ``lengths``, m."""
+        return float(np.trapezoid(self.chance, self.lengths))
+
     def of_any(self, longest: float) -> float:
         """How likely the polls are with a break of any length up to ``longest`` (m)."""
-        wide = float(np.trapezoid(self.chance, self.lengths)) + self.beyond * longest
+        wide = self._seen_m + self.beyond * longest
         return float(np.clip(wide / longest, LOST, 1.0))
 
 

@@ -7,6 +7,7 @@ What is not known beside the height is walked through: the shape of the end, and
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -170,19 +171,25 @@ def _blurred(rows: Array, points: float) -> Array:
     return found
 
 
+@lru_cache(16)
 def _stretches(points: float, n: int) -> list[tuple[slice, slice, Array]]:
-    """Of one normal: which points (k) of the grid count for which stretch (m) of it, and how much (k, m)."""
+    """Of one normal: which points (k) of the grid count for which stretch (m) of it, and how much (k, m).
+
+    Kept, as a search looks at one grid again and again."""
     below = ndtr((np.arange(-n, n) + 0.5) / np.sqrt(max(points**2 - 1.0 / 12.0, _NARROW**2)))
     reach = int(np.count_nonzero(below[:n] > _NOTHING))
     shares = np.diff(below)  # of the distances 1 - n .. n - 1
-    matrix = sliding_window_view(shares, n)[::-1].copy()  # (from, to)
-    matrix[0] += below[n - 1 :: -1]
-    matrix[-1] += below[:n]
+    matrix = sliding_window_view(shares, n)[::-1]  # (from, to)
     parts, stretch = [], min(max(2 * reach, _SHORT), _STRETCH)
     for first in range(0, n, stretch):
+        begin, end = max(first - reach, 0), min(first + stretch + reach, n)
         there = slice(first, first + stretch)
-        near = slice(max(first - reach, 0), first + stretch + reach)
-        parts.append((near, there, matrix[near, there].copy()))
+        part = matrix[begin:end, there].copy()
+        if begin == 0:
+            part[0] += below[n - 1 :: -1][there]
+        if end == n:
+            part[-1] += below[:n][there]
+        parts.append((slice(begin, end), there, part))
     return parts
 
 

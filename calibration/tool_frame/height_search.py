@@ -7,6 +7,7 @@ next pass goes where the variance of the height is expected to be least after it
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,9 +95,7 @@ def sought(search: HeightSearch, glimpses: Sequence[Glimpse], before: Belief | N
 class _Seeking:
     def __init__(self, search: HeightSearch, glimpses: Sequence[Glimpse], before: Belief | None) -> None:
         self.search, self.chord = search, search.chord
-        up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-        side = np.cross(up, along)
-        self.view = ToolInBeam(-up, side, up, side, 0.5 * self.chord, self.chord)
+        self.view = _upright(self.chord)
         self._ends: Sequence[TipShape] = POINT if search.fingers else UPRIGHT
         self._scatter = search.scatter.coarser
         self.belief = self._narrowed(self._with(glimpses, before or self._nothing()))
@@ -197,6 +196,14 @@ class _Seeking:
         weight, first, second = np.sum(table @ self._moments, axis=0).T
         weight = np.maximum(weight, 1e-300)
         return float(np.sum(np.maximum(second - first**2 / weight, 0.0)))
+
+
+@lru_cache(8)
+def _upright(chord: float) -> ToolInBeam:
+    """An upright tool of this chord (m): the profiles of its ends are worked out once for all looks."""
+    up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    side = np.cross(up, along)
+    return ToolInBeam(-up, side, up, side, 0.5 * chord, chord)
 
 
 def _points(low: float, high: float) -> int:
