@@ -148,25 +148,26 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
     placement, finished = 0, False
     asked: Counter[tuple[str, int]] = Counter()
     with ProgressBar() as bar:
-        while (status := engine.status())["run_id"] == run_id:
-            if step.picks and status["live"].get("picks", 0) >= step.picks and not finished:
+        # Not by the whole status: to tell how the devices are, each of them is looked at.
+        while (run := engine.running) is not None and run.id == run_id:
+            live, taken, prompt = dict(run.live), run.step, run.prompt
+            if step.picks and live.get("picks", 0) >= step.picks and not finished:
                 finished = True
                 await engine.finish(WHO)
-            bar.show(f"{step.job}, run {run_id}", status["step"], status["steps"])
-            prompt = status["prompt"]
-            if prompt is not None and asked[prompt["text"], status["step"]] == MOST_ASKED:
+            bar.show(f"{step.job}, run {run_id}", taken, run.steps)
+            if prompt is not None and asked[prompt[1], taken] == MOST_ASKED:
                 await engine.abort(WHO)
             elif prompt is not None:
-                asked[prompt["text"], status["step"]] += 1
+                asked[prompt[1], taken] += 1
                 if step.moves_board:
                     placement = min(placement + 1, world.operator.placements)
                     world.operator.confirm(placement - 1, clock.now())
                     say(f"the operator put the board at place {placement}")
                 if step.held is not None:
-                    corner, gauge_m, hand_m = status["live"]["corner"], step.held.gauge_m, step.held.hand_m
+                    corner, gauge_m, hand_m = live["corner"], step.held.gauge_m, step.held.hand_m
                     there = world.bring_over(clock.now(), int(corner), gauge_m, hand_m)
                     await clock.sleep(there - clock.now())
-                await engine.confirm(prompt["id"], WHO)
+                await engine.confirm(prompt[0], WHO)
                 say("the operator confirmed")
             await clock.sleep(POLL_S)
     return run_id
