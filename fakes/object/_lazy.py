@@ -79,6 +79,15 @@ class LazyStream(Stream[T]):
         self._tick += count
         self._seq += count
 
+    def leave_out(self, before: float) -> None:
+        """Do not make samples of before this time that nobody has looked at, as far as they are due."""
+        if self._listeners or self._silent or not self._running:
+            return
+        first = min(int((before - self._origin) / self.period_s), self._due())
+        if first > self._tick:
+            self._tick = first
+            self._newest_t = self.time_of(first - 1)  # not asked for is no gap
+
     def fill(self) -> None:
         """Make every sample that is due."""
         if self._filling or self._silent or not self._running:

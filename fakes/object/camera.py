@@ -85,6 +85,7 @@ class ObjectCamera(ObjectDevice):
         if not await asyncio.to_thread(folder.is_dir):
             raise error("DISK_FAILED", f"{folder}: there is no such folder")
         frames: list[Frame] = []
+        self.frames.leave_out(after - self._exposure_s - 2.0 * self.frames.period_s)
         while len(frames) < count:
             if self.lost is not None:
                 raise error(self.lost.name, f"{self.lost.detail}, {len(frames)} of {count} frames taken")

@@ -98,6 +98,30 @@ def test_a_board_seen_from_behind_is_not_found(subject: Callable[[Scene], Any]) 
     subject(scene)
 
 
+def test_a_capture_after_a_pause_draws_no_pictures_of_the_pause_and_the_same_ones_as_without_it(
+    subject: Callable[[Scene], Any],
+) -> None:
+    def scene(looked_at: bool) -> Scene:
+        async def play(camera: ObjectCamera) -> tuple[int, list[bytes]]:
+            drawn, view = [], camera.head.view
+            camera.head.view = lambda *a: (drawn.append(a), view(*a))[1]  # type: ignore[method-assign]
+            for _ in range(20):
+                await camera.clock.sleep(1.0)
+                if looked_at:
+                    camera.frames.last()
+            after = camera.clock.now() - 0.3
+            before, frames = len(drawn), await camera.capture(3, HERE, "x", after)
+            assert [f.board is not None for f in frames] == [True] * 3
+            assert all(f.t_exposure - f.exposure_s / 2.0 >= after for f in frames)
+            return len(drawn) - before, [f.board.corners.tobytes() for f in frames if f.board is not None]
+
+        return play
+
+    (_, expected), (drawn, found) = subject(scene(True)), subject(scene(False))
+    assert found == expected
+    assert drawn <= 12
+
+
 def test_a_frozen_picture_shows_the_same_pixels_again(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> None:
         camera.inject("freeze")
