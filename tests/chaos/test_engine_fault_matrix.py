@@ -110,9 +110,7 @@ def test_a_fault_at_any_state_ends_the_run_safely(fault: Kind, moment: str, tmp_
 
 def strike(fault: Kind, moment: str, folder: Path) -> None:
     placements = 2 if moment in BETWEEN | {"return"} else 1
-    config = write_config(
-        folder, job={**PLAN, "placements": placements}, limits=BRISK, arm_keys={"state_period_s": 0.02}
-    )
+    config = write_config(folder, job={**PLAN, "placements": placements}, limits=BRISK)
 
     async def main() -> None:
         async with open_cell(config) as cell:

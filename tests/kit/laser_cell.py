@@ -58,9 +58,7 @@ def laser_config(
     }
     overrides.setdefault("limits", BRISK)
     beams = {"poll_period_s": 0.01 if quick else 0.005}
-    return write_config(
-        folder, scenario, jobs=jobs, arm_keys={"state_period_s": 0.02}, beams_keys=beams, **overrides
-    )
+    return write_config(folder, scenario, jobs=jobs, beams_keys=beams, **overrides)
 
 
 # With one fast pass the point is known to some tenths of a millimetre.

@@ -58,7 +58,7 @@ def picking_config(
     return write_config(
         folder,
         str(path),
-        arm_keys={"state_period_s": 0.02, **(arm or {})},
+        arm_keys=arm,
         jobs={CAPTURE: None, JOB: job or {}, **(sections or {})},
         **overrides,
     )

@@ -52,8 +52,10 @@ def towards_the_tracker() -> list[float]:
     return [float(v) for v in R.as_rotvec()]
 
 
-def iso_config(folder: Path, job: Mapping[str, Any] | None = None, scenario: str = SCENARIO) -> CellConfig:
-    """The tracker's cell with a short test in a small cube."""
+def iso_config(
+    folder: Path, job: Mapping[str, Any] | None = None, scenario: str = SCENARIO, **more: Any
+) -> CellConfig:
+    """The tracker's cell with a short test in a small cube; ``more`` is for ``write_config``."""
     section: dict[str, Any] = {
         "reflector": "smr1",
         "point": POINT.tolist(),
@@ -67,7 +69,7 @@ def iso_config(folder: Path, job: Mapping[str, Any] | None = None, scenario: str
         **(job or {}),
     }
     section = {key: value for key, value in section.items() if value is not None}
-    return write_config(folder, scenario, jobs={JOB: section}, limits=BRISK)
+    return write_config(folder, scenario, jobs={JOB: section}, limits=BRISK, **more)
 
 
 def true_kinematics(shift_m: float = 0.0) -> dict[str, Any]:

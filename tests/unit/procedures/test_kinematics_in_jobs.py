@@ -35,7 +35,7 @@ def config_of(folder: Path, scenario: str, use: bool, jobs: Mapping[str, Any], *
     text = text.replace("first_m = 0.75", "first_m = -0.1")
     path = folder / "scenario.toml"
     path.write_text(text, "utf-8")
-    write_config(folder, str(path), arm_keys={"state_period_s": 0.02}, jobs=jobs, **more)
+    write_config(folder, str(path), jobs=jobs, **more)
     toml = folder / "cell.toml"
     toml.write_text(toml.read_text().replace("[robot]", f"[robot]\nuse_kinematics = {str(use).lower()}", 1))
     return load_config(toml)

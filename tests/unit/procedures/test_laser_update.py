@@ -40,7 +40,6 @@ FINE = {
     "lead_m": 0.003,
     "settle_s": 0.0,
 }
-ARM = {"state_period_s": 0.02}
 
 
 def bent(cell: ObjectCell) -> None:
