@@ -17,6 +17,7 @@ from pyModbusTCP.client import ModbusClient
 from cell.errors import CellError
 from cell.store.runs import RunFolder, load_run
 from daemon.control_client import ControlClient
+from tests.kit.cli_harness import CommandLine, Ran
 
 pytestmark = [pytest.mark.wire, pytest.mark.slow]
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/acme"
@@ -42,21 +43,10 @@ seconds = {seconds}
 """
 
 
-@dataclass(frozen=True)
-class Ran:
-    """What one command line left behind."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def is_one_sentence(self) -> bool:
-        """An error with its hint, and nothing else."""
-        lines = self.err.strip().splitlines()
-        return (
-            not self.out and len(lines) <= 2 and lines[0].startswith("Error ") and "Traceback" not in self.err
-        )
+def is_one_sentence(ran: Ran) -> bool:
+    """An error with its hint, and nothing else."""
+    lines = ran.err.strip().splitlines()
+    return not ran.out and len(lines) <= 2 and lines[0].startswith("Error ") and "Traceback" not in ran.err
 
 
 @dataclass
@@ -199,13 +189,13 @@ def test_its_run_is_shown_and_reported(subject: Daemon, command: str) -> None:
 )
 def test_what_its_kind_lacks_is_one_sentence(subject: Daemon, words: tuple[object, ...], says: str) -> None:
     done = subject.command(*words)
-    assert (done.code, done.is_one_sentence) == (2, True), done.err
+    assert (done.code, is_one_sentence(done)) == (2, True), done.err
     assert says in done.err
 
 
 def test_its_numbers_are_followed_live(subject: Daemon) -> None:
     idle = subject.command("live")
-    assert (idle.code, idle.is_one_sentence) == (4, True), idle.err
+    assert (idle.code, is_one_sentence(idle)) == (4, True), idle.err
     started = subject.command("start", "acme-still", "-p", "seconds=20")
     assert started.code == 0, started.err
     try:
@@ -219,22 +209,29 @@ def test_its_numbers_are_followed_live(subject: Daemon) -> None:
     wait_for((newest / "report.html").exists, "report of the aborted run, which a process of its own draws")
 
 
-def test_without_a_configuration_each_command_says_which_is_missing(subject: Daemon) -> None:
-    env = {key: value for key, value in subject.env.items() if key != "CELLWARD_CONFIG"}
+# In this process, which has nothing of the example on its path.
+
+
+def test_without_a_configuration_each_command_says_which_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     missing = Path("/etc/cellward/cell.toml")
     if missing.exists():
         pytest.skip(f"this machine has a {missing}")
+    command = CommandLine(monkeypatch, capsys, None)
     for words in (("compare", 1, 2), ("replay", 1), ("live",), ("show", 1)):
-        done = Daemon.command_in(env, *words)
-        assert (done.code, done.is_one_sentence) == (2, True), (words, done.err)
+        done = command(*words)
+        assert (done.code, is_one_sentence(done)) == (2, True), (words, done.err)
         assert f"there is no configuration {missing}; name one with --config" in done.err
 
 
-def test_where_no_configuration_names_its_job_each_command_says_so(subject: Daemon) -> None:
-    env = subject.env | {"PYTHONPATH": "", "CELLWARD_CONFIG": str(subject.folder / "no-job.toml")}
+def test_where_no_configuration_names_its_job_each_command_says_so(
+    subject: Daemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = CommandLine(monkeypatch, capsys, subject.folder / "no-job.toml")
     for words in (("compare", 1, 2), ("replay", 1), ("report", 1, "--rebuild")):
-        done = Daemon.command_in(env, *words)
-        assert (done.code, done.is_one_sentence) == (2, True), (words, done.err)
+        done = command(*words)
+        assert (done.code, is_one_sentence(done)) == (2, True), (words, done.err)
         assert "install" in done.err
         assert "[job." in done.err
         assert "procedure" in done.err

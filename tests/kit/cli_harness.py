@@ -40,15 +40,19 @@ class Ran:
 
 @dataclass
 class CommandLine:
-    """``command("runs", "--json")`` as a shell would run it, in this process."""
+    """``command("runs", "--json")`` as a shell would run it, in this process; without a ``config`` the
+    environment names none."""
 
     monkeypatch: pytest.MonkeyPatch
     capsys: pytest.CaptureFixture[str]
-    config: Path
+    config: Path | None
 
     def __call__(self, *words: object) -> Ran:
         self.monkeypatch.setattr("sys.argv", ["cellward", *map(str, words)])
-        self.monkeypatch.setenv("CELLWARD_CONFIG", str(self.config))
+        if self.config is None:
+            self.monkeypatch.delenv("CELLWARD_CONFIG", raising=False)
+        else:
+            self.monkeypatch.setenv("CELLWARD_CONFIG", str(self.config))
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             self.monkeypatch.setenv(name, "1")
         self.monkeypatch.setattr(typer.main, "get_command", _command_of)
