@@ -25,6 +25,9 @@ FAMILIES = {  # what the path of a family's file says, and what in another file 
     "latency": (r"latency", r"latency-calibration|procedures\.latency\b"),
     "eye_to_hand": (r"eye_to_hand|axbc", r"eye-to-hand-check|\baxbc\"|procedures\.eye_to_hand\b"),
     "slot": (r"(procedures|calibration)/slot/|slot\.py$", r"slot-insertion|procedures\.slot\b"),
+    "corrected_targets": (r"corrected_targets", r"corrected-targets|procedures\.corrected_targets\b"),
+    "touch_test": (r"touch(_test)?[/.]", r"touch-test|procedures\.touch_test\b"),
+    "cross_check": (r"cross_check", r"cross-check|procedures\.cross_check\b"),
 }
 _REPORT_VERDICT = "report/verdict.py"
 
@@ -40,7 +43,7 @@ def main(revisions: list[str]) -> None:
         listed = git("ls-tree", "-r", "--name-only", revision, *PACKAGES).split()
         files = [f for f in listed if f.endswith(".py") and not f.endswith(_REPORT_VERDICT)]
         print(f"\n{git('log', '-1', '--format=%h %s', revision).strip()}")
-        print(f"{'family':12}{'files':>7}{'folders':>9}{'shared':>8}")
+        print(f"{'family':18}{'files':>7}{'folders':>9}{'shared':>8}")
         of = {name: {f for f in files if re.search(path, f)} for name, (path, _) in FAMILIES.items()}
         owned = set().union(*of.values())
         for name, (_, words) in FAMILIES.items():
@@ -51,7 +54,7 @@ def main(revisions: list[str]) -> None:
                 for line in git("grep", "-lP", words, revision, "--", "procedures", "daemon").splitlines()
             }
             shared = {f for f in naming if f not in owned and f.endswith((".py", ".toml"))}
-            print(f"{name:12}{len(own):7}{len(folders):9}{len(shared):8}")
+            print(f"{name:18}{len(own):7}{len(folders):9}{len(shared):8}")
 
 
 def _family_folder(path: str) -> str:

@@ -3,10 +3,11 @@
 import asyncio
 from collections.abc import Callable, Mapping
 from math import inf
-from typing import Any
+from typing import Any, Protocol
 
 from cell.clock import Clock
 from cell.errors import CellError, error
+from fakes.faults.vocabulary import Fault
 from fakes.object._lazy import LazyStream
 
 
@@ -116,6 +117,36 @@ class Plant:
         self.serial = serial or self.serial
         self._refused_until = self.clock.now() + boot_s
         self.cut(error("DEVICE_LOST", f"{self.name} restarts"))
+
+
+class OwnFaults(Protocol):
+    """The faults of a thing of the world."""
+
+    def offers(self) -> frozenset[Fault]: ...
+    def inject(self, fault: Fault, arguments: Mapping[str, Any]) -> None: ...
+    def clear(self) -> None: ...
+
+
+class FaultyPlant(Plant):
+    """A device with faults of its own beside those of every link."""
+
+    def __init__(self, name: str, clock: Clock, serial: str, own: OwnFaults) -> None:
+        super().__init__(name, clock, serial)
+        self._own = own
+        self.faults |= {fault.value: self._named(fault) for fault in own.offers()}
+
+    def clear(self) -> None:
+        self.settle_past()
+        self._own.clear()
+        super().clear()
+
+    def _named(self, fault: Fault) -> Callable[..., None]:
+        def begin(duration_s: float | None = None, **arguments: object) -> None:
+            if duration_s is not None:
+                arguments["for_s"] = duration_s
+            self._own.inject(fault, arguments)
+
+        return begin
 
 
 class ObjectDevice:

@@ -1,25 +1,21 @@
 """The encoder of the object face as a thing: the world's encoder, and what can go wrong with its bus."""
 
-from collections.abc import Callable
 from math import inf
 
 from cell.clock import Clock
 from cell.errors import error
 from cell.samples import Quality
 from fakes.faults.belt import BeltFaults
-from fakes.faults.vocabulary import Fault
-from fakes.object._plant import Plant
+from fakes.object._plant import FaultyPlant
 from fakes.world.belt.encoder import BeltEncoder
 
 
-class EncoderPlant(Plant):
+class EncoderPlant(FaultyPlant):
     """The node at the far end of the bus, with the faults of belt and shaft beside those of every link."""
 
     def __init__(self, encoder: BeltEncoder, clock: Clock) -> None:
-        super().__init__("belt", clock, encoder.truth.serial)
+        super().__init__("belt", clock, encoder.truth.serial, BeltFaults(encoder, clock.now))
         self.encoder = encoder
-        self._shaft_faults = BeltFaults(encoder, clock.now)
-        self.faults |= {fault.value: self._named(fault) for fault in self._shaft_faults.offers()}
         self.faults |= {"unplug": self._unplug, "bus-off": self._bus_off, "node-stop": self._node_stop}
         self.faults["alarm"] = self._alarm
         self.emergency = ""
@@ -27,17 +23,8 @@ class EncoderPlant(Plant):
     def clear(self) -> None:
         """Free the shaft, let the belt run as it should, and end the faults of the bus."""
         self.settle_past()
-        self._shaft_faults.clear()
         self._report("", Quality.GOOD)
         super().clear()
-
-    def _named(self, fault: Fault) -> Callable[..., None]:
-        def begin(duration_s: float | None = None, **arguments: object) -> None:
-            if duration_s is not None:
-                arguments["for_s"] = duration_s
-            self._shaft_faults.inject(fault, arguments)
-
-        return begin
 
     def _reboot(self, serial: str | None = None, boot_s: float = 0.05) -> None:
         """The node starts again: a new epoch, or a lost link when it takes too long or is another node."""
