@@ -9,6 +9,7 @@ from daemon.config.findings import Findings, did_you_mean
 from daemon.config.limits_section import LimitsSection
 from daemon.config.locate import Path
 from daemon.config.roles import ROLES, devices_by_role
+from daemon.config.tables import table
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
@@ -43,8 +44,8 @@ def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
     """Roles name devices, jobs name targets, poses and inputs."""
-    devices, targets, poses = (_table(raw, key) for key in ("device", "target", "poses"))
-    for role, name in _table(raw, "robot").items():
+    devices, targets, poses = (table(raw, key) for key in ("device", "target", "poses"))
+    for role, name in table(raw, "robot").items():
         if role in ROLES and isinstance(name, str) and name not in devices:
             findings.add(("robot", role), f"there is no [device.{name}]{did_you_mean(name, devices)}")
     for place, section in _job_sections(raw):
@@ -71,8 +72,8 @@ def _check_pose(place: Path, name: Any, poses: Mapping[str, Any], findings: Find
 
 def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
     """Jobs name inputs of the device that has the role ``beams``, where its section lists them."""
-    device = _table(raw, "robot").get("beams", "beams")
-    section = _table(raw, "device").get(device) if isinstance(device, str) else None
+    device = table(raw, "robot").get("beams", "beams")
+    section = table(raw, "device").get(device) if isinstance(device, str) else None
     if not isinstance(section, dict):
         return
     inputs = section.get("inputs")
@@ -96,26 +97,26 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_due(raw, findings)
     _check_filter(raw, findings)
     _check_tool(raw, findings)
-    if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
+    if table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
 
 def _has_arm(raw: Mapping[str, Any]) -> bool:
-    return "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
+    return "arm" in table(raw, "robot") or "arm" in table(raw, "device")
 
 
 def _check_tool(raw: Mapping[str, Any], findings: Findings) -> None:
-    if not _has_arm(raw) or _table(raw, "cell").get("twin", False) is not False:
+    if not _has_arm(raw) or table(raw, "cell").get("twin", False) is not False:
         return
-    if "tool" not in _table(raw, "robot") and not _table(raw, "tool"):
+    if "tool" not in table(raw, "robot") and not table(raw, "tool"):
         text = "is missing, so nothing is expected beyond the flange: measure the tool, or write {}"
         findings.warn(("robot", "tool"), text)
 
 
 def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
-    cell = _table(raw, "cell")
+    cell = table(raw, "cell")
     twin = cell.get("twin", False)
-    for name, section in _table(raw, "device").items():
+    for name, section in table(raw, "device").items():
         serial = section.get("expect_serial") if isinstance(section, dict) else None
         if isinstance(serial, str) and isinstance(twin, bool) and serial.startswith("9999") != twin:
             what = "is a twin's" if serial.startswith("9999") else "is not a twin's (those begin with 9999)"
@@ -128,7 +129,7 @@ def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
     """A file that was written for the other sign would shift the stamps by twice the offset."""
-    for name, section in _table(raw, "device").items():
+    for name, section in table(raw, "device").items():
         if not isinstance(section, dict):
             continue
         driver, offset = section.get("driver"), section.get("time_offset_s")
@@ -142,8 +143,8 @@ def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_due(raw: Mapping[str, Any], findings: Findings) -> None:
     """A rule about a calibration that this cell cannot have would never say anything."""
-    there = devices_by_role(_table(raw, "robot"), _table(raw, "device"))
-    for key in _table(raw, "check_due"):
+    there = devices_by_role(table(raw, "robot"), table(raw, "device"))
+    for key in table(raw, "check_due"):
         roles = CALIBRATED_ROLES.get(key, ())
         if roles and not any(role in there for role in roles):
             text = f"this cell has no device with the role {' or '.join(roles)}; take the rule out"
@@ -152,7 +153,7 @@ def _check_due(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_exposure(raw: Mapping[str, Any], findings: Findings) -> None:
     """Automatic exposure goes up to about a frame's time before it raises the gain."""
-    robot, devices = _table(raw, "robot"), _table(raw, "device")
+    robot, devices = table(raw, "robot"), table(raw, "device")
     name = robot.get("fixed_camera")
     section = devices.get(name) if isinstance(name, str) and "belt" in robot else None
     if not isinstance(section, dict) or section.get("driver") not in OAKS:
@@ -170,8 +171,8 @@ def _check_exposure(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_filter(raw: Mapping[str, Any], findings: Findings) -> None:
     """Modules filter their inputs as delivered, some by a tenth of a second; the wire does not tell it."""
-    name = _table(raw, "robot").get("beams", "beams")
-    section = _table(raw, "device").get(name)
+    name = table(raw, "robot").get("beams", "beams")
+    section = table(raw, "device").get(name)
     if not isinstance(section, dict) or section.get("driver") != "modbus-inputs":
         return
     filter_s, place = section.get("filter_s"), ("device", str(name), "filter_s")
@@ -190,13 +191,13 @@ def _check_filter(raw: Mapping[str, Any], findings: Findings) -> None:
 
 
 def _check_modbus(raw: Mapping[str, Any], findings: Findings) -> None:
-    modbus = _table(raw, "modbus")
+    modbus = table(raw, "modbus")
     if modbus.get("allow_write") is True and not modbus.get("allow_clients"):
         findings.warn(("modbus", "allow_write"), "allow_clients is empty, so no client can write")
 
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
-    limits = {**LimitsSection().model_dump(), **_table(raw, "limits")}
+    limits = {**LimitsSection().model_dump(), **table(raw, "limits")}
     if _has_arm(raw) and not limits["workspace"]:
         findings.add(("limits",), "no workspace is given; an arm needs one box at least to stay within")
     if limits.get("allow_job_override") is True:
@@ -255,11 +256,6 @@ def _is_number(value: Any) -> bool:
 def _job_sections(raw: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
     """Each table with arguments of a job, ``[job.NAME]`` and ``[recipe.NAME]``, with its place."""
     for kind in ("job", "recipe"):
-        for name, section in _table(raw, kind).items():
+        for name, section in table(raw, kind).items():
             if isinstance(section, dict):
                 yield (kind, name), section
-
-
-def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
-    value = raw.get(key)
-    return value if isinstance(value, dict) else {}

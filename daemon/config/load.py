@@ -31,6 +31,7 @@ from daemon.config.program_after import check_program_after
 from daemon.config.recipes import Recipe, check_recipes
 from daemon.config.robot import MAX_BYTES, ResolvedRobot, observed_spec, robot_spec
 from daemon.config.roles import ROLES, devices_by_role, kind_of
+from daemon.config.tables import tables
 from daemon.config.tools import NamedToolSection, check_tools, has_plain_tool
 from daemon.config.untold_loads import check_loads
 
@@ -133,14 +134,17 @@ def check_config(
     check_contradictions(raw, findings)
     check_plausible(raw, findings)
     devices = {
-        name: _check_device(name, section, findings, drivers) for name, section in _tables(raw, "device")
+        name: _check_device(name, section, findings, drivers)
+        for name, section in tables(raw.get("device")).items()
     }
     _check_bindings(devices, findings, drivers)
     _check_roles(raw, devices, findings, drivers)
-    targets = {name: _check_target(name, section, findings) for name, section in _tables(raw, "target")}
+    targets = {
+        name: _check_target(name, section, findings) for name, section in tables(raw.get("target")).items()
+    }
     robot_section = raw.get("robot")
     roles = devices_by_role(robot_section if isinstance(robot_section, dict) else {}, devices)
-    for name, section in _tables(raw, "job"):
+    for name, section in tables(raw.get("job")).items():
         _check_job(name, section, findings, jobs, roles)
     check_program_after(raw, devices, roles, findings, drivers)
     known_jobs = {**jobs, **_configured_jobs(raw)}
@@ -213,12 +217,6 @@ def _all_jobs() -> Mapping[str, Any]:
     from procedures.registry import JOBS
 
     return JOBS
-
-
-def _tables(raw: Mapping[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
-    """The well-formed tables below ``key``; the fixed model complains about the others."""
-    value = raw.get(key)
-    return [(n, s) for n, s in value.items() if isinstance(s, dict)] if isinstance(value, dict) else []
 
 
 def _validated(
@@ -352,7 +350,9 @@ def _configured_jobs(raw: Mapping[str, Any]) -> dict[str, Any]:
     """The jobs of other packages that ``[job.NAME] procedure`` names, as far as they could be loaded."""
     from procedures.registry import JOBS
 
-    return {n: JOBS[n] for n, section in _tables(raw, "job") if "procedure" in section and n in JOBS}
+    return {
+        n: JOBS[n] for n, section in tables(raw.get("job")).items() if "procedure" in section and n in JOBS
+    }
 
 
 def _outside_job(name: str, reference: Any, findings: Findings, jobs: Mapping[str, Any]) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from daemon.config.findings import Findings
+from daemon.config.tables import tables
 from daemon.config.targets import DICTIONARY_SIZES
 
 # Rated payloads, kg, as the maker lists its models (universal-robots.com); where one has two, the greater:
@@ -31,7 +32,7 @@ def check_plausible(raw: Mapping[str, Any], findings: Findings) -> None:
 
 
 def _check_addresses(raw: Mapping[str, Any], findings: Findings) -> None:
-    for name, section in _tables(raw.get("device")).items():
+    for name, section in tables(raw.get("device")).items():
         host, url = section.get("host"), section.get("url")
         if isinstance(host, str) and (why := _host_fault(host)):
             findings.add(("device", name, "host"), why)
@@ -70,7 +71,7 @@ def _check_payload(raw: Mapping[str, Any], findings: Findings) -> None:
     section = robot if isinstance(robot, dict) else {}
     model = section.get("model", "ur10e")
     most = PAYLOAD_KG.get(model) if isinstance(model, str) else None
-    loads = {("robot",): section} | {("tool", n): s for n, s in _tables(raw.get("tool")).items()}
+    loads = {("robot",): section} | {("tool", n): s for n, s in tables(raw.get("tool")).items()}
     for place, load in loads.items():
         mass = load.get("payload_kg")
         if most is not None and isinstance(mass, int | float) and mass > most:
@@ -112,7 +113,7 @@ def _is_number(value: Any) -> bool:
 
 def _check_boards(raw: Mapping[str, Any], findings: Findings) -> None:
     """The dictionary exists, and has a marker for every place of the board."""
-    for name, section in _tables(raw.get("target")).items():
+    for name, section in tables(raw.get("target")).items():
         dictionary, place = section.get("dictionary"), ("target", name, "dictionary")
         if not isinstance(dictionary, str):
             continue
@@ -132,7 +133,3 @@ def _check_boards(raw: Mapping[str, Any], findings: Findings) -> None:
         marker = section.get("id")
         if isinstance(marker, int) and marker >= there:
             findings.add(("target", name, "id"), f"{dictionary} has the markers 0 to {there - 1}")
-
-
-def _tables(value: Any) -> dict[str, dict[str, Any]]:
-    return {n: s for n, s in value.items() if isinstance(s, dict)} if isinstance(value, dict) else {}

@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field, ValidationError
 from cell.store.files import to_json
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.section import Section
+from daemon.config.tables import tables
 from daemon.config.tools import check_tool_of, known_tools
 
 NAME = r"^[\w-]{1,32}$"
@@ -41,7 +42,7 @@ def check_recipes(raw: Mapping[str, Any], jobs: Mapping[str, Any], findings: Fin
     """The recipes of parsed TOML; ``jobs`` are those of the cell by their names."""
     numbers = {getattr(job, "number", None): f"the job '{name}'" for name, job in jobs.items()}
     found = {}
-    for name, section in _tables(raw.get("recipe")).items():
+    for name, section in tables(raw.get("recipe")).items():
         place = ("recipe", name)
         if name in jobs:
             findings.add(place, "a job has this name; give the recipe another one")
@@ -86,7 +87,7 @@ def with_sections(
 ) -> dict[str, Any]:
     """What a start of the job is given: ``parameters`` over its own section and what it has from those of
     others, without the keys that every job has."""
-    sections = _tables(raw.get("job"))
+    sections = tables(raw.get("job"))
     inherited = {
         key: sections[other.name][key]
         for other, keys in getattr(job, "inherits", {}).items()
@@ -95,7 +96,3 @@ def with_sections(
     }
     given = {**inherited, **sections.get(name, {}), **parameters}
     return {key: value for key, value in given.items() if key not in ("tool", "procedure")}
-
-
-def _tables(value: Any) -> dict[str, dict[str, Any]]:
-    return {n: s for n, s in value.items() if isinstance(s, dict)} if isinstance(value, dict) else {}

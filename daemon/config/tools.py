@@ -7,6 +7,7 @@ from pydantic import Field
 
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.section import Point, Pose6, Section
+from daemon.config.tables import table, tables
 
 NAME = r"^[\w-]{1,32}$"  # a part of the names of its calibrations
 HIGHEST_CHANGER = 65535
@@ -38,13 +39,13 @@ class NamedToolSection(Section):
 
 def known_tools(raw: Mapping[str, Any]) -> list[str]:
     """The names of the tools of parsed TOML: the plain ``[robot] tool`` first, if it is one of them."""
-    named = [name for name, _ in _tables(raw, "tool")]
+    named = list(tables(raw.get("tool")))
     return [_plain_name(raw), *named] if has_plain_tool(raw) else named
 
 
 def has_plain_tool(raw: Mapping[str, Any]) -> bool:
     """Whether ``[robot] tool`` is one of the tools: it was written, or there is no other."""
-    return not _tables(raw, "tool") or isinstance(_table(raw, "robot").get("tool"), dict)
+    return not tables(raw.get("tool")) or isinstance(table(raw, "robot").get("tool"), dict)
 
 
 def usual_name(raw: Mapping[str, Any]) -> str | None:
@@ -56,7 +57,7 @@ def usual_name(raw: Mapping[str, Any]) -> str | None:
 def check_tools(raw: Mapping[str, Any], findings: Findings) -> None:
     """Tools that cannot be told apart, and jobs that name a tool that there is not."""
     seen: dict[int, str] = {}
-    for name, section in _tables(raw, "tool"):
+    for name, section in tables(raw.get("tool")).items():
         if has_plain_tool(raw) and name == _plain_name(raw):
             findings.add(("tool", name), "[robot] tool has this name, too; give each tool a name of its own")
         number = section.get("changer")
@@ -64,7 +65,7 @@ def check_tools(raw: Mapping[str, Any], findings: Findings) -> None:
             text = f"{number} is the number of [tool.{other}], too; each tool needs its own"
             findings.add(("tool", name, "changer"), text)
     known = known_tools(raw)
-    for job, section in _tables(raw, "job"):
+    for job, section in tables(raw.get("job")).items():
         check_tool_of(section, ("job", job), known, findings)
 
 
@@ -83,13 +84,4 @@ def check_tool_of(
 
 
 def _plain_name(raw: Mapping[str, Any]) -> str:
-    return str(_table(_table(raw, "robot"), "tool").get("name", "flange"))
-
-
-def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
-    value = raw.get(key)
-    return value if isinstance(value, dict) else {}
-
-
-def _tables(raw: Mapping[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
-    return [(n, s) for n, s in _table(raw, key).items() if isinstance(s, dict)]
+    return str(table(table(raw, "robot"), "tool").get("name", "flange"))

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from cell.store.files import to_json
 from daemon.config.findings import Findings
 from daemon.config.recipes import with_sections
+from daemon.config.tables import table
 from daemon.config.tools import known_tools, usual_name
 
 
@@ -19,9 +20,9 @@ def check_loads(
 
     ``jobs`` are those of the cell by their names.
     """
-    robot, tools = _table(raw, "robot"), _table(raw, "tool")
-    untold = [name for name in known_tools(raw) if "payload_kg" not in {**robot, **_table(tools, name)}]
-    if not untold or "arm" not in roles or _table(raw, "cell").get("twin", False) is not False:
+    robot, tools = table(raw, "robot"), table(raw, "tool")
+    untold = [name for name in known_tools(raw) if "payload_kg" not in {**robot, **table(tools, name)}]
+    if not untold or "arm" not in roles or table(raw, "cell").get("twin", False) is not False:
         return
     barred: dict[str, list[str]] = {}
     for start, tool in _moving(raw, jobs):
@@ -42,12 +43,12 @@ def check_loads(
 def _moving(raw: Mapping[str, Any], jobs: Mapping[str, Any]) -> Iterator[tuple[str, str | None]]:
     """The configured jobs and recipes that move the arm, each with the tool of a start that names none; None
     where it has to."""
-    sections, recipes = _table(raw, "job"), _table(raw, "recipe")
+    sections, recipes = table(raw, "job"), table(raw, "recipe")
     starts = [(name, name, dict[str, Any]()) for name in sections]
-    starts += [(name, str(_table(recipes, name).get("job")), _table(recipes, name)) for name in recipes]
+    starts += [(name, str(table(recipes, name).get("job")), table(recipes, name)) for name in recipes]
     for start, job, parameters in starts:
         if job in jobs and _moves(raw, jobs[job], job, parameters):
-            own = parameters.get("tool", _table(sections, job).get("tool"))
+            own = parameters.get("tool", table(sections, job).get("tool"))
             yield start, own if isinstance(own, str) else usual_name(raw)
 
 
@@ -58,8 +59,3 @@ def _moves(raw: Mapping[str, Any], job: Any, name: str, parameters: Mapping[str,
     except ValidationError:  # which is told by itself
         return False
     return "arm" in job(config).uses()
-
-
-def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
-    value = raw.get(key)
-    return value if isinstance(value, dict) else {}

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.words import mm, ms, pose_text, told
+from procedures.kind import KINDS, OUTSIDE, load
+from procedures.words import ms, pose_text
 
 
 def value_text(name: str, value: Any) -> str:
@@ -28,25 +29,10 @@ def in_a_list(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _document(value: Mapping[str, Any]) -> str:
-    if value.get("schema") == "cellward.kinematics/1":
-        return _arm(value)
-    if value.get("schema") not in ("cellward.laser-reference/1", "cellward.laser-reference/2"):
-        return f"{value.get('schema', 'a document')} with {len(value)} entries"
-    tool, hits = value.get("tool") or {}, value.get("hits") or {}
-    at = ", ".join(f"{beam} [{_point(p)}] mm" for beam, p in hits.items() if p is not None)
-    passes = len(value.get("passes") or [])
-    text = f"tool {tool.get('id')}, flange at the beams {at or 'unknown'}, {passes} passes"
-    return f"{text}, delay {ms(value['tau_s'])}" if value.get("tau_s") is not None else text
-
-
-def _arm(value: Mapping[str, Any]) -> str:
-    before, after = mm(value.get("rms_registration_only")), mm(value.get("rms_calibrated"), 4)
-    return (
-        f"calibrated arm, {before} off before and {after} after (RMS of {told(value.get('held_out'))} poses "
-        f"that were held out), 95 % of errors below {mm(value.get('predicted_95'), 4)}, payload "
-        f"{told(value.get('payload_kg'), 'g')} kg"
-    )
-
-
-def _point(p: Any) -> str:
-    return ", ".join(f"{1e3 * v:.3f}" for v in p)
+    """By the words of the kind that has documents of this schema."""
+    schema = str(value.get("schema", "a document"))
+    for kind in (*KINDS.values(), *OUTSIDE.values()):
+        for name, words in kind.values:
+            if name == schema.partition("/")[0]:
+                return str(load(words)(value))
+    return f"{schema} with {len(value)} entries"

@@ -1,7 +1,8 @@
 """The result of a crossed-beam job in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees, hypot, sqrt
+from typing import Any
 
 from cell.formats.result import Covariance
 from procedures.laser.moved_words import axis_words, point_words
@@ -130,3 +131,12 @@ def _unit(values: Sequence[float]) -> str:
 def hysteresis_lines(found: float | None) -> list[str]:
     """One line when the hysteresis of the beams was measured (m)."""
     return [] if found is None else [f"  hysteresis {mm(found, 4)}"]
+
+
+def reference_value(value: Mapping[str, Any]) -> str:
+    """A reference in the ledger, in a line."""
+    tool, hits = value.get("tool") or {}, value.get("hits") or {}
+    at = ", ".join(f"{beam} [{', '.join(f'{1e3 * v:.3f}' for v in p)}] mm" for beam, p in hits.items() if p)
+    passes = len(value.get("passes") or [])
+    text = f"tool {tool.get('id')}, flange at the beams {at or 'unknown'}, {passes} passes"
+    return f"{text}, delay {ms(value['tau_s'])}" if value.get("tau_s") is not None else text

@@ -1,10 +1,11 @@
 """The result of a kinematic calibration in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from cell.formats.result import Rejected
 from procedures.tracker.result import JointErrorSizes, KincalAnswer, KincalResult
-from procedures.words import mm, pose_text
+from procedures.words import mm, pose_text, told
 
 _MOST_SHOWN = 10
 
@@ -122,3 +123,13 @@ def _rejected(rejected: Sequence[Rejected]) -> list[str]:
     if len(rejected) > _MOST_SHOWN:
         lines.append(f"    and {len(rejected) - _MOST_SHOWN} more; --json lists them all")
     return lines
+
+
+def kinematics_value(value: Mapping[str, Any]) -> str:
+    """Kinematics in the ledger, in a line."""
+    before, after = mm(value.get("rms_registration_only")), mm(value.get("rms_calibrated"), 4)
+    return (
+        f"calibrated arm, {before} off before and {after} after (RMS of {told(value.get('held_out'))} poses "
+        f"that were held out), 95 % of errors below {mm(value.get('predicted_95'), 4)}, payload "
+        f"{told(value.get('payload_kg'), 'g')} kg"
+    )

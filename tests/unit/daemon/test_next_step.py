@@ -12,6 +12,7 @@ from daemon.cli.status_text import change_line, status_text, without_state
 from daemon.stored_result import summary_of
 from daemon.words.result_text import result_text
 from daemon.words.value_text import value_text
+from procedures.kind import OUTSIDE, Kind
 from procedures.report.source import Source
 from procedures.report.verdict import banner
 from tests.kit.whole_results import whole
@@ -112,3 +113,14 @@ def test_a_value_that_does_not_say_something_is_unknown_and_never_none() -> None
     lines = value_text("kinematics.arm", {"schema": "cellward.kinematics/1"})
     assert "unknown" in lines
     assert "None" not in lines
+
+
+def test_a_document_in_the_ledger_is_told_by_the_words_of_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = Kind(name="acme:MAP", words="", values=(("acme.map", f"{__name__}:size_of_map"),))
+    monkeypatch.setitem(OUTSIDE, kind.name, kind)
+    assert value_text("map.arm", {"schema": "acme.map/2", "size": 7}) == "a map of 7 cells"
+    assert value_text("map.arm", {"schema": "acme.maps/2", "size": 7}) == "acme.maps/2 with 2 entries"
+
+
+def size_of_map(value: dict[str, int]) -> str:
+    return f"a map of {value['size']} cells"
