@@ -42,8 +42,7 @@ class Kind:
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
     that goes on. ``data_file`` is the data set in a run folder, and ``arguments`` are what its jobs take from
     a PLC. ``measures`` are the calibrations that its jobs measure, named without a tool or a device;
-    ``values``: schemas, without their number, of what it puts into the ledger as a document, and
-    ``document -> line`` of each. ``judges``: a run that passes says that the one in effect still holds.
+    ``values``: schemas of what it puts into the ledger as a document, and ``document -> line`` of each. ``judges``: a run that passes says that the one in effect still holds.
     ``trend_limits``: trends, without the names that they end with, and the key of the job's section that
     bounds their size. A reference that begins with ":" is in ``module``.
     """
@@ -128,7 +127,10 @@ _ALL = (
         truth="procedures.laser.truth:judge_beams",
         rehearsal="procedures.laser.rehearsal:rehearse_reference",
         measures=("laser_reference",),
-        values=(("cellward.laser-reference", "procedures.laser.words:reference_value"),),
+        values=(
+            ("cellward.laser-reference/1", "procedures.laser.words:reference_value"),
+            ("cellward.laser-reference/2", "procedures.laser.words:reference_value"),
+        ),
     ),
     Kind(
         name="laser",
@@ -165,7 +167,7 @@ _ALL = (
         truth="procedures.tracker.truth:judge_arm",
         rehearsal="procedures.tracker.rehearsal:rehearse_sampling",
         measures=("kinematics",),
-        values=(("cellward.kinematics", "procedures.tracker.words:kinematics_value"),),
+        values=(("cellward.kinematics/1", "procedures.tracker.words:kinematics_value"),),
         trend_limits=(("tracker.drift_m", "max_drift_m"),),
     ),
     Kind(

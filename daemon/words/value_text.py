@@ -33,6 +33,6 @@ def _document(value: Mapping[str, Any]) -> str:
     schema = str(value.get("schema", "a document"))
     for kind in (*KINDS.values(), *OUTSIDE.values()):
         for name, words in kind.values:
-            if name == schema.partition("/")[0]:
+            if name == schema:
                 return str(load(words)(value))
     return f"{schema} with {len(value)} entries"

@@ -116,7 +116,7 @@ def test_a_value_that_does_not_say_something_is_unknown_and_never_none() -> None
 
 
 def test_a_document_in_the_ledger_is_told_by_the_words_of_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    kind = Kind(name="acme:MAP", words="", values=(("acme.map", f"{__name__}:size_of_map"),))
+    kind = Kind(name="acme:MAP", words="", values=(("acme.map/2", f"{__name__}:size_of_map"),))
     monkeypatch.setitem(OUTSIDE, kind.name, kind)
     assert value_text("map.arm", {"schema": "acme.map/2", "size": 7}) == "a map of 7 cells"
     assert value_text("map.arm", {"schema": "acme.maps/2", "size": 7}) == "acme.maps/2 with 2 entries"
