@@ -41,7 +41,7 @@ from procedures.eye_to_hand.truth import driven_truth
 from tests.kit.example_cell import whole_example
 
 JOB = "eye-to-hand-check"
-TARGETS = "targets = [[0.0, 0.05, 0.6, 0.0, 3.1416, 0.0]]"
+TARGETS = "targets = [[0.0, 0.05, 0.6, 3.1416, 0.0, 0.0]]"
 FOUR = [
     [0.0, 0.05, 0.6, 0.0, 3.1416, 0.0],
     [0.06, 0.0, 0.55, 0.0, 3.0, 0.0],

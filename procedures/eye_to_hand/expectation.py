@@ -105,7 +105,8 @@ def _reached(setup: Setup, job: EyeToHandCheckConfig) -> _Reach:
     )
     left_out = [f"{_key(row)}: {row['why']}, {_LEFT_OUT}" for row in rows if row["why"]]
     cautions = [
-        f"{_key(row)}: {outside_text(row['outside'])}: move it, or widen nearest_m, farthest_m or tilt_rad"
+        f"{_key(row)}: {outside_text(row['outside'])}: move it, or set nearest_m, farthest_m, "
+        "tilt_rad or, for the roll, start_pose for it"
         for row in rows
         if row["outside"] and not row["why"]
     ]

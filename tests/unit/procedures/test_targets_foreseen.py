@@ -71,7 +71,9 @@ def test_a_target_outside_of_the_poses_is_told_by_check_and_dry_run(tmp_path: Pa
     (text,) = found["cautions"]
     assert text.startswith("targets[1]: outside of the poses (0.88 m")
     assert "before the camera, poses are from 0.4 to 0.7 m" in text
-    assert text.endswith("move it, or widen nearest_m, farthest_m or tilt_rad")
+    assert text.endswith(
+        "move it, or set nearest_m, farthest_m, tilt_rad or, for the roll, start_pose for it"
+    )
     wider = job.model_copy(update={"farthest_m": 1.0})
     assert eye_to_hand_expectation(setup, wider)["cautions"] == []
 
