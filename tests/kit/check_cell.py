@@ -1,6 +1,6 @@
 """A check of a fixed camera on virtual time that may drive to targets, and its operator."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -38,8 +38,16 @@ def wanted(*steps: list[float]) -> list[list[float]]:
     return [to_pose6(exp_xi([*step, 0.0, 0.0, 0.0]) * at).tolist() for step in steps]
 
 
-def config(folder: Path, *, off_m: float = 0.0, scenario: str = IDEAL, **job: Any) -> CellConfig:
-    """``off_m``: of the target's place as given; ``job`` goes into the section."""
+def config(
+    folder: Path,
+    *,
+    off_m: float = 0.0,
+    scenario: str = IDEAL,
+    cell: Mapping[str, Any] | None = None,
+    **job: Any,
+) -> CellConfig:
+    """``off_m``: of the target's place as given; ``job`` goes into the section, ``cell`` is what else
+    :func:`write_config` takes."""
     section = {
         "target": "board",
         "T_marker_flange": given_place(off_m),
@@ -52,7 +60,7 @@ def config(folder: Path, *, off_m: float = 0.0, scenario: str = IDEAL, **job: An
         "farthest_m": 0.7,
         **job,
     }
-    return write_config(folder, scenario, jobs={CHECK: section, JOB: None})
+    return write_config(folder, scenario, jobs={CHECK: section, JOB: None}, **(cell or {}))
 
 
 def erring_scenario(folder: Path) -> str:
