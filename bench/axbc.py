@@ -1,12 +1,16 @@
 """A fixed camera, a target on the flange: what is found, who is blamed, and how well targets are reached.
 
-``python -m bench.axbc [RUNS] [--observe poses|corners] [--no-joints]``. UR10e, reported by its nominal arm.
-Arms: lengths to 0.2 mm and angles to 0.3 mrad, with gears and sag; or as its maker calibrates one (0.06 mm,
-0.09 mrad). Poses have the noise 0.05 mm and 0.2 mrad; corners 0.2 px. C is known to 0.1 mm and 0.3 mrad.
+``python -m bench.axbc [RUNS] [--observe poses|corners] [--no-joints] [--reached]``. UR10e, reported by its
+nominal arm. Arms: lengths to 0.2 mm and angles to 0.3 mrad, with gears and sag; or as its maker calibrates
+one (0.06 mm, 0.09 mrad). Poses have the noise 0.05 mm and 0.2 mrad; corners 0.2 px. C is known to 0.1 mm and
+0.3 mrad.
 
 First table: RMS over 60 unseen places of the distance of the target from where the file's commands should
 bring it, executed by the true arm; with the given (true) hand-eye, with the published constant, through
-the model, and by the way that was chosen; how often that is worse than none. Second table: how often each
+the model, and by the way that was chosen; how often that is worse than none. Beside it, of poses, what the
+best estimator is expected to leave that knows how good the arm is: ``bound`` where it is told how far C is
+off as that is drawn, a length in a direction of chance, and ``stated`` where it goes by what the file states
+of C, that length along each axis. ``--reached``: this table alone. Second table: how often each
 part is blamed, and the share of given hand-eyes whose error is inside the stated 95 %.
 
 ``--no-joints``: the second table alone, from data without joints, also of an arm without errors and with 20
@@ -24,6 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from bench._axbc_bound import best
 from calibration.hand_eye import se3
 from cell.poses import Array, from_pose6
 from procedures.eye_to_hand.solve.solver import solve_axbc
@@ -38,6 +43,7 @@ WRONGS = (
     ("hand-eye 1 mm, 1 mrad", AS_KNOWN, (1e-3, 1e-3)),
 )
 WAYS, BLAMED = ("none", "constant", "model", "chosen"), ("none", "X", "C", "arm")
+BEST = ("bound", "stated")
 
 
 def main() -> None:
@@ -45,17 +51,20 @@ def main() -> None:
     parser.add_argument("runs", nargs="?", type=int, default=20)
     parser.add_argument("--observe", choices=("poses", "corners"), default="poses")
     parser.add_argument("--no-joints", action="store_true")
+    parser.add_argument("--reached", action="store_true")
     options = parser.parse_args()
     bare = options.observe == "poses"
     if not options.no_joints:
         _print_reached(options.runs, bare)
+    if options.reached:
+        return
     _print_blamed(options.runs, bare, not options.no_joints)
 
 
 def _print_reached(runs: int, bare: bool) -> None:
     print(
         f"{'arm mm':>6}{'poses':>6} {'C off':8}"
-        + "".join(f"{way:>10}" for way in WAYS)
+        + "".join(f"{way:>10}" for way in (*WAYS, *(BEST if bare else ())))
         + "  mm   worse than none"
     )
     for arm, n, C_off in (
@@ -85,7 +94,7 @@ def _print_blamed(runs: int, bare: bool, with_joints: bool) -> None:
 
 
 def reached(seed: int, arm: float, n: int, C_off: tuple[float, float], bare: bool) -> list[float]:
-    """RMS (m) over unseen places, in the order of ``WAYS``."""
+    """RMS (m) over unseen places, in the order of ``WAYS``, and with ``bare`` of ``BEST``."""
     rng = np.random.default_rng([seed, n, 31])
     scene = make_scene(rng, n, arm)
     Q = joints(rng, scene.X, scene.W, 60)
@@ -96,7 +105,9 @@ def reached(seed: int, arm: float, n: int, C_off: tuple[float, float], bare: boo
     chosen = answer["correction"]["chosen"]
     commands = se3.matrices(from_pose6(answer["commands"]))
     by_model = executed(scene, commands, Q) if chosen == "model" else float("nan")
-    return [none, by_constant, by_model, {"none": none, "constant": by_constant, "model": by_model}[chosen]]
+    by_way = {"none": none, "constant": by_constant, "model": by_model}
+    expected = best(scene, arm, C_off, Q) if bare else None
+    return [*by_way.values(), by_way[chosen], *([expected.drawn, expected.stated] if expected else [])]
 
 
 def judged(
