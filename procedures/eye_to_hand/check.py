@@ -44,6 +44,8 @@ class EyeToHandCheck(Procedure):
     Config = EyeToHandCheckConfig
     State = State
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS | {
+        S.PLACE: frozenset({S.START_POSE, S.SOLVE}),  # there is one placement
+        S.REFINE: frozenset({S.SOLVE}),
         S.SOLVE: frozenset({None, S.PLAN}),  # it ends, or plans the ways to targets
         S.PLAN: TRANSITIONS[S.PLAN] | {S.SOLVE},
         S.RETURN: TRANSITIONS[S.RETURN] | {S.SOLVE},
