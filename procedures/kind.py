@@ -42,9 +42,10 @@ class Kind:
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
     that goes on. ``data_file`` is the data set in a run folder, and ``arguments`` are what its jobs take from
     a PLC. ``measures`` are the calibrations that its jobs measure, named without a tool or a device;
-    ``values``: schemas of what it puts into the ledger as a document, and ``document -> line`` of each. ``judges``: a run that passes says that the one in effect still holds.
-    ``trend_limits``: trends, without the names that they end with, and the key of the job's section that
-    bounds their size. A reference that begins with ":" is in ``module``.
+    ``values``: schemas of what it puts into the ledger as a document, and ``document -> line`` of each.
+    ``judges``: a run that passes says that the one in effect still holds. ``trend_limits``: trends, without
+    the names that they end with, and the key of the job's section that bounds their size. A reference that
+    begins with ":" is in ``module``.
     """
 
     name: str
