@@ -33,8 +33,8 @@ class Beams:
     """All beams of a cell; every answer is a function of time (s on the twin's clock).
 
     ``t`` is the time at the sensor's output: what the light does shows ``latency_s`` later. ``version``
-    changes when edges that had been foreseen were replaced, ``foreseen`` when anything that had been was,
-    the absence of edges included.
+    changes when edges that had been foreseen were replaced; ``foreseen`` changes whenever what had been
+    foreseen was replaced, also where that was no edge.
     """
 
     def __init__(self, beams: Mapping[str, BeamTruth], motion: ToolMotion, radii: Array, t0: float) -> None:

@@ -57,7 +57,8 @@ class InputModule:
         found = self._image(self._shown(t))
         # Polls come by the hundred between two edges.
         if len(self._frozen) == 1:
-            until = min((channel.quiet_until(t) for channel in self._inputs), default=inf)
+            later = (since for since, _ in self._presets if since > t)  # a poll of before may be asked late
+            until = min([*later, *(channel.quiet_until(t) for channel in self._inputs)], default=inf)
             self._kept = t, until, self._beams.foreseen, found
         return found
 

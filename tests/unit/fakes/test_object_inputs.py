@@ -152,6 +152,20 @@ def test_an_image_shows_a_fault_as_soon_as_it_begins() -> None:
     assert subject.image(2.1) == ((False,), (7,))
 
 
+def test_an_image_of_just_before_a_fault_is_not_kept_beyond_it() -> None:
+    """A poll that was under way when a fault began is made after it, for a time before it."""
+    subject = module([0.5])
+    subject.preset(1.0, 7)
+    assert subject.image(0.99) == ((True,), (1,))
+    assert subject.image(1.01) == ((True,), (7,))
+    subject.stick(2.0, False)
+    assert subject.image(1.99) == ((True,), (7,))
+    assert subject.image(2.01) == ((False,), (7,))
+    subject.reboot(3.0)
+    assert subject.image(2.99) == ((False,), (7,))
+    assert subject.image(3.01) == ((False,), (0,))
+
+
 def test_a_stuck_contact_keeps_its_level_and_jumps_back_when_it_is_freed() -> None:
     subject = module([0.5, 0.75, 1.0, 1.25])
     assert subject.levels(0.6) == (True,)
