@@ -159,7 +159,7 @@ def normal(lin: Linearised, weight: Array) -> Normal:
 
 def each_group(group: Groups) -> Iterator[tuple[int, slice | Groups]]:
     """Each group in ``group`` (k,) with its rows: a slice where they follow each other."""
-    if np.all(group[1:] >= group[:-1]):
+    if len(group) and np.all(group[1:] >= group[:-1]):
         first = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
         for start, end in zip(first, [*first[1:], len(group)], strict=True):
             yield int(group[start]), slice(start, end)

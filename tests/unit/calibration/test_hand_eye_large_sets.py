@@ -13,8 +13,10 @@ from calibration.hand_eye.closed_form import pairs
 from calibration.hand_eye.leave_out import leave_one_out, leave_out
 from calibration.hand_eye.noise import weights
 from calibration.hand_eye.normal import (
+    each_group,
     gathered,
     linearise,
+    normal,
     own_normal,
     pseudo_inverse,
     squared_distances,
@@ -104,6 +106,24 @@ def test_contributions_are_added_up_by_group_in_any_order() -> None:
     for k in range(5):
         assert summed.own[k] == pytest.approx(own[group == k].sum(axis=0))
         assert summed.g[k] == pytest.approx(g[group == k].sum(axis=0))
+
+
+def test_equations_of_groups_in_any_order_are_those_of_each_observation() -> None:
+    found = solved(make_scene(5, count=12, groups=3))
+    for order in (np.arange(12), RNG(6).permutation(12)):
+        lin = linearise(found.problem.take(order), found.at)
+        weight = weights(lin, found.noise)
+        subject = normal(lin, weight)
+        summed = gathered(*own_normal(lin, weight), lin.problem.group, lin.problem.groups)
+        for one, other in ((subject.own, summed.own), (subject.g, summed.g)):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("group", [[], [3], [0, 0, 2], [2, 0, 2]])
+def test_each_row_is_in_its_group(group: list[int]) -> None:
+    rows = np.array(group, dtype=np.int64)
+    found = {one: np.arange(len(rows))[own].tolist() for one, own in each_group(rows)}
+    assert found == {one: [k for k, g in enumerate(group) if g == one] for one in set(group)}
 
 
 def test_a_matrix_without_information_does_not_change_the_others() -> None:
