@@ -96,8 +96,8 @@ class TargetsAsGiven:
 
 def list_targets(values: RunValues, view: TargetView, of: TargetsAsGiven) -> list[dict[str, Any]]:
     """Each target as given, in the order of the visits and then those that are left out: joints on a way that
-    was checked, or ``why`` it has none; and where it lies ``outside`` of the volume. Commands as corrected
-    are found from the poses alone."""
+    was checked, or ``why`` it has none; and where one that is driven to lies ``outside`` of the volume.
+    Commands as corrected are found from the poses alone."""
     near = near_joints(values, of.given, of.targets, of.known or [of.start])
     given = [to_pose6(T).tolist() for T in commands_as_given(of.given, of.targets)]
     commands: list[tuple[int, How, list[float]]] = [(k, "given", T) for k, T in enumerate(given)]
@@ -107,6 +107,7 @@ def list_targets(values: RunValues, view: TargetView, of: TargetsAsGiven) -> lis
     rows = []
     for move in plan_moves(values, view, of.targets, commands, near, of.start, of.start):
         target = of.targets[move.target]
+        outside = None if move.why else beyond_volume(of.volume, view.seen(target), seen, points)
         rows.append(
             {
                 "number": move.target + 1,
@@ -115,7 +116,7 @@ def list_targets(values: RunValues, view: TargetView, of: TargetsAsGiven) -> lis
                 "q": move.q,
                 "checks": dict(move.checks),
                 "why": move.why,
-                "outside": beyond_volume(of.volume, view.seen(target), seen, points) or "",
+                "outside": outside or "",
             }
         )
     return rows
