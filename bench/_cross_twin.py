@@ -98,7 +98,8 @@ class Told:
     """One fault of one cell: what the cross check ``named``, and ``right``, what it should have.
 
     ``sized``: the size that is stated holds the true one, as the demo judges it; None where no part is named.
-    ``named`` is ``not done`` where a run before it came to nothing, and ``why`` says so.
+    ``named`` is ``not done`` where a run before it came to nothing, and ``why`` says so. ``touch``: a touch
+    test stood in place of the beams.
     """
 
     seed: int
@@ -109,6 +110,7 @@ class Told:
     probable: Mapping[str, float]
     seconds: float
     why: str = ""
+    touch: bool = False
 
     @property
     def good(self) -> bool:
@@ -146,7 +148,8 @@ def played(seed: int, faults: Sequence[Fault], touch: bool = False) -> list[Told
         try:
             cell = _Cell(seed, Path(name))
         except (CellError, _NotDoneError) as failure:
-            return [Told(seed, f.name, right_of(f, seed), NEVER, None, {}, 0.0, str(failure)) for f in faults]
+            none = NEVER, None, dict[str, float](), 0.0, str(failure), touch
+            return [Told(seed, f.name, right_of(f, seed), *none) for f in faults]
         return [cell.told(fault, touch) for fault in faults]
 
 
@@ -214,7 +217,7 @@ class _Cell:
             else:
                 why = "; ".join(result.reasons)
         spent = time.process_time() - began
-        return Told(self.seed, fault.name, right, named, sized, probable, spent, why)
+        return Told(self.seed, fault.name, right, named, sized, probable, spent, why, touch)
 
     def _measured(self, fault: Fault, job: str) -> _Done:
         """``job`` in a second life, after ``fault``."""

@@ -1,5 +1,6 @@
 """The bench of the cross check in the twin: faults of the world reach the verdict, and the table counts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -90,3 +91,21 @@ def test_a_bench_that_was_ended_goes_on_and_is_good_where_enough_are_named(
     assert ran == [(1, every[1:]), (2, every)]
     assert bench.in_twin(range(1, 3), None, keep) == code
     assert len(ran) == 2, "a cell was played again"
+
+
+def test_faults_by_the_beams_and_by_a_touch_test_are_kept_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[tuple[list[str], bool]] = []
+
+    def play(seed: int, faults: list[Fault], touch: bool) -> list[Told]:
+        ran.append(([fault.name for fault in faults], touch))
+        return [replace(told(f.name, f.part, f.part, seed), touch=touch) for f in faults]
+
+    monkeypatch.setattr(bench, "played", play)
+    keep = tmp_path / "kept.jsonl"
+    for _ in range(2):
+        for touch in (False, True):
+            assert bench.in_twin(range(1, 2), None, keep, touch) == 0
+    every = ["none", "tool 0.7", "camera 1", "joint 1"]
+    assert ran == [(every, False), (["none", "tool 1.5", *every[2:]], True)]
