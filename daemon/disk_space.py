@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,11 +27,14 @@ def free_bytes(folder: Path) -> int:
 
 
 def capture_bytes(config: CellConfig) -> int:
-    """What the configured run with most pictures writes that takes each at the first attempt; 0 without any.
+    """What the configured run with most pictures writes that takes each at the first attempt, by a recipe or
+    not; 0 without any.
 
     All else that jobs write are some megabytes.
     """
-    jobs = (make_procedure(JOBS[job], config, {}) for job in config.job if job in JOBS)
+    starts: list[tuple[str, Mapping[str, Any]]] = [(job, {}) for job in config.job]
+    starts += [(recipe.job, recipe.parameters) for recipe in config.recipe.values()]
+    jobs = (make_procedure(JOBS[job], config, {}, given) for job, given in starts if job in JOBS)
     return max((_bytes(config, *job.pictures()) for job in jobs), default=0)
 
 

@@ -31,6 +31,10 @@ T_marker_flange = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 frames_per_pose = 20
 targets = [[0.0, 0.0, 0.6, 0.0, 0.0, 0.0]]
 """
+THOROUGH = """[recipe.thorough]
+job = "cone-capture"
+placements = 8
+"""
 Usage = namedtuple("Usage", "total used free")
 
 
@@ -86,8 +90,15 @@ def test_a_folder_that_is_not_made_yet_is_judged_by_what_exists_of_its_path(tmp_
         ("placements = 3\n", "", 1000, 3.89),
         ("[device.camera]\n", "[device.camera]\nwidth = 1920\nheight = 1200\n", 675, 2.63),
         ("[job.cone-capture]\n", CHECK + "[job.cone-capture]\n", 1240, 4.83),
+        ("[job.cone-capture]\n", THOROUGH + "[job.cone-capture]\n", 800, 3.11),
     ],
-    ids=["the example", "ten placements by default", "a camera of 1920 x 1200", "a check of a fixed camera"],
+    ids=[
+        "the example",
+        "ten placements by default",
+        "a camera of 1920 x 1200",
+        "a check of a fixed camera",
+        "a recipe",
+    ],
 )
 def test_the_limit_is_twice_what_the_largest_configured_capture_writes(
     tmp_path: Path, old: str, new: str, frames: int, limit_gb: float
