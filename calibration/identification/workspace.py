@@ -1,4 +1,4 @@
-"""How far the calibrated arm will be off, at places that nobody measured."""
+"""How far the calibrated arm will be off, at places that were not measured."""
 
 from dataclasses import dataclass
 

@@ -98,7 +98,7 @@ def _reached(data: CorrectedTargets, arrival: Arrival) -> Reached:
     wanted = from_pose6(target.T_base_flange).apply(point)
     T = chain_of(data.robot).flange(q[None])[0]
     by_joints = T[:3, :3] @ point + T[:3, 3] - wanted
-    # Extrapolation is as uncertain as nobody has stated.
+    # How uncertain an extrapolation is has not been stated.
     off, bound = by_joints, None if is_outside(q, _sampled(data)) else data.predicted_95
     if arrival.p_tracker is not None and data.T_base_tracker is not None and data.noise is not None:
         p = np.array(arrival.p_tracker)

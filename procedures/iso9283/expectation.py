@@ -21,7 +21,7 @@ from procedures.laser_tracker.noise import stated_noise
 from procedures.setup import Setup
 from procedures.words import mm
 
-_RANGE_M = 3.0  # where nobody says where the tracker stands
+_RANGE_M = 3.0  # where the place of the tracker is unknown
 
 
 def iso9283_expectation(setup: Setup, job: Iso9283Config) -> dict[str, Any]:

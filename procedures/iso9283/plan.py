@@ -71,7 +71,7 @@ def require_same_devices(
 ) -> None:
     """``ISO9283_NO_KINEMATICS`` when the kinematics ``found`` in effect are of an arm with another serial.
 
-    So for another tracker where its place is taken from them. A serial that nobody could tell says nothing.
+    So for another tracker where its place is taken from them. An unknown serial says nothing.
     """
     roles = ("arm", "tracker") if config.registration == "kinematics" else ("arm",)
     for role in roles:

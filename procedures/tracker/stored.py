@@ -35,7 +35,7 @@ class StoredSet:
     def require_same_devices(self, serials: Mapping[str, str]) -> None:
         """``TRACKER_SET_REFUSED`` when it was measured with another arm or tracker than those of ``serials``.
 
-        A serial that nobody could tell says nothing.
+        An unknown serial says nothing.
         """
         for role, now in serials.items():
             then = self.serials.get(role)

@@ -1,4 +1,4 @@
-"""How far the calibrated arm will be off at places that nobody measured: slices through the workspace."""
+"""How far the calibrated arm will be off at places that were not measured: slices through the workspace."""
 
 from itertools import pairwise
 from typing import Any
