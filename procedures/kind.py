@@ -75,8 +75,12 @@ class Kind:
             reference = getattr(self, part.name)
             if isinstance(reference, str) and reference.startswith(":"):
                 object.__setattr__(self, part.name, self.module + reference)
-        whole = (self.module + job if job.startswith(":") else job for job in self.jobs)
-        object.__setattr__(self, "jobs", tuple(whole))
+        object.__setattr__(self, "jobs", tuple(map(self._whole, self.jobs)))
+        values = tuple((schema, self._whole(words)) for schema, words in self.values)
+        object.__setattr__(self, "values", values)
+
+    def _whole(self, reference: str) -> str:
+        return self.module + reference if reference.startswith(":") else reference
 
 
 _ALL = (

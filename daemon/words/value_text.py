@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.kind import KINDS, OUTSIDE, load
+from procedures.kind import KINDS, OUTSIDE, Kind, load
 from procedures.words import ms, pose_text
 
 
@@ -31,8 +31,13 @@ def in_a_list(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _document(value: Mapping[str, Any]) -> str:
     """By the words of the kind that has documents of this schema."""
     schema = str(value.get("schema", "a document"))
-    for kind in (*KINDS.values(), *OUTSIDE.values()):
-        for name, words in kind.values:
-            if name == schema:
-                return str(load(words)(value))
-    return f"{schema} with {len(value)} entries"
+    words = _words_of(schema, KINDS)
+    if words is None:
+        import procedures.registry  # noqa: F401, with it the jobs of installed packages bring their kinds
+
+        words = _words_of(schema, OUTSIDE)
+    return f"{schema} with {len(value)} entries" if words is None else str(load(words)(value))
+
+
+def _words_of(schema: str, kinds: Mapping[str, Kind]) -> str | None:
+    return next((words for kind in kinds.values() for name, words in kind.values if name == schema), None)

@@ -1,6 +1,8 @@
 """What a person is told to do next: after a run, in the status, and in the report."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +122,47 @@ def test_a_document_in_the_ledger_is_told_by_the_words_of_its_kind(monkeypatch: 
     monkeypatch.setitem(OUTSIDE, kind.name, kind)
     assert value_text("map.arm", {"schema": "acme.map/2", "size": 7}) == "a map of 7 cells"
     assert value_text("map.arm", {"schema": "acme.maps/2", "size": 7}) == "acme.maps/2 with 2 entries"
+
+
+def test_a_document_is_told_by_the_words_of_a_package_that_is_installed(tmp_path: Path) -> None:
+    """In a process that has not asked for the jobs, as ``cellward results``."""
+    (tmp_path / "acme_maps-1.dist-info").mkdir()
+    told = tmp_path / "acme_maps-1.dist-info"
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-maps\nVersion: 1\n", "utf-8")
+    (told / "entry_points.txt").write_text("[cellward.procedures]\nacme-map = acme_map:Map\n", "utf-8")
+    (tmp_path / "acme_map.py").write_text(PACKAGE, "utf-8")
+    document = {"schema": "acme.map/2", "size": 7}
+    code = f"from daemon.words.value_text import value_text; print(value_text('map.arm', {document}))"
+    path = f"{tmp_path}:{Path(__file__).parents[3]}"
+    subject = subprocess.run(
+        [sys.executable, "-c", code], env={"PYTHONPATH": path}, capture_output=True, text=True, check=True
+    )
+    assert subject.stdout == "a map of 7 cells\n"
+
+
+PACKAGE = """
+from pydantic import BaseModel
+from cell.procedure import Procedure
+from procedures.kind import Kind
+
+def told(value):
+    return f"a map of {value['size']} cells"
+
+KIND = Kind(name="acme_map:KIND", words="", module="acme_map", values=(("acme.map/2", ":told"),))
+
+class Map(Procedure):
+    name, number, kind, Config = "acme-map", 1002, KIND.name, BaseModel
+    State, TRANSITIONS, CHECKPOINTS = None, {}, frozenset()
+
+    def uses(self):
+        return ()
+
+    async def run(self, run):
+        pass
+
+    async def dry_run(self, run):
+        return {}
+"""
 
 
 def size_of_map(value: dict[str, int]) -> str:
