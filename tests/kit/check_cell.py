@@ -98,12 +98,13 @@ async def driven_run(
     *,
     asked_first: Callable[[], Awaitable[None]] | None = None,
     meanwhile: Callable[[int], Awaitable[None]] | None = None,
+    adopt: int | None = None,
 ) -> tuple[int, str]:
     """The run, and what was asked before the targets; ``answer`` is a call of the engine.
 
     ``asked_first`` is done once with that question open, ``meanwhile`` again and again, with the run.
     """
-    run_id = await cell.start(placed=False)
+    run_id = await cell.start(placed=False, adopt=adopt)
     asked = ""
     while cell.engine.active:
         run = cell.engine.run
