@@ -90,11 +90,11 @@ def test_an_arm_that_was_pushed_since_the_run_starts_nothing(
 
     async def pushed(self: ObjectArm, program: str) -> None:
         await load(self, program)
-        reported = self.world.reported.joints
+        reported = self.world.reported.joints_at
         monkeypatch.setattr(
-            self.world.reported, "joints", lambda t, q, qd: (reported(t, q, qd)[0] + 0.01, qd), raising=False
+            self.world.reported, "joints_at", lambda times, q, qd: (reported(times, q, qd)[0] + 0.01, qd)
         )
-        self._resting = None
+        self._resting = self._ahead = None
 
     monkeypatch.setattr(ObjectArm, "load_program", pushed)
     scene(tmp_path, lambda cell: ends(cell, "a joint turned by 0.0100 rad"))
