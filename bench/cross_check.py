@@ -15,8 +15,9 @@ corners of a board instead, brought there to 0.1 mm per axis. ``--tool`` is by h
 cell as a rehearsal does (arm, lens, print, mounting, beams and boards around the cell of the demo's cross
 check, in its real world) and plays the jobs on virtual time: a capture of 40 poses and a laser reference,
 then, in a cell that is started again after the fault, laser-check and a capture of a board that lies
-elsewhere, by a lens that temperature has changed; the cross check judges the runs. A tool is bent at the
-flange, a camera moved and turned in directions of chance, a zero lost of one of the joints 2 to 6.
+elsewhere, by a lens that temperature has changed, by as much as the check itself takes for usual; the cross
+check judges the runs. A tool is bent at the flange, a camera moved and turned in directions of chance, a zero
+lost of one of the joints 2 to 6.
 ``--faults`` says which: ``usual`` as above, ``small`` about half of it, ``large`` twice, ``base`` the zero
 of joint 1, which cannot be told. ``--touch``: a touch test of now in place of the beams, with tools bent by
 1.5 mm. With ``--keep FILE`` a bench that was ended goes on where it was.

@@ -2,7 +2,8 @@
 
 ``python -m bench.driven_targets [TWINS] [--first SEED] [--poses N] [--keep FILE]`` (20 twins, 20 poses). Each
 is the whole job on virtual time, in a twin that ``cellward rehearse`` would draw; its four targets are listed
-twice, so each command is visited twice.
+twice, so each command is visited twice. They are turned by half a turn from the poses, of which
+``cellward check`` warns: what is stated has to hold there as well.
 
 First: how many arrivals are inside the 95 % stated of them, and in how many twins the worst of all is inside
 the limit for the worst, with the exact 95 % intervals (arrivals of a twin share lens, print and place, so of
