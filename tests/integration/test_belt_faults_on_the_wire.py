@@ -99,7 +99,7 @@ class Picking:
         return run["run_id"]
 
     def until(
-        self, run_id: int, condition: Callable[[dict[str, Any]], Any], what: str, timeout: float = 30.0
+        self, run_id: int, condition: Callable[[dict[str, Any]], Any], what: str, timeout: float = 90.0
     ) -> None:
         """Wait for something in the status of a run that goes on."""
 
