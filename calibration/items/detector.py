@@ -95,11 +95,12 @@ def rays_of(pixels: Array, camera: Intrinsics) -> Array:
     return np.column_stack([xy, np.ones(len(xy))])
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=4)
 def slopes(camera: Intrinsics, normal: tuple[float, float, float]) -> Array:
     """(h, w): by how much each pixel's depth goes along ``normal``.
 
-    Once for a camera and a belt: of the pixels about each item they took a tenth of the time of a picture.
+    Once for a camera and a belt, of which a cell may have some: of the pixels about each item they took a
+    tenth of the time of a picture.
     """
     out = np.empty((camera.height, camera.width))
     u = np.arange(camera.width, dtype=float)
