@@ -22,9 +22,11 @@ class Deciding(Protocol):
 
     context: CellContext
     ledger: Ledger
-    jobs: Mapping[str, type[Procedure]]
     runs: Path
     report_wanted: Callable[[Path], None]
+
+    @property
+    def jobs(self) -> Mapping[str, type[Procedure]]: ...
 
     @property
     def running(self) -> Run | None: ...

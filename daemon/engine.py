@@ -45,7 +45,7 @@ class Engine:
     """Starts, steers and ends jobs; everything outside asks this object."""
 
     def __init__(self, context: CellContext, jobs: Mapping[str, type[Procedure]], runs: Path) -> None:
-        self.context, self.ledger, self.jobs, self.runs = context, context.ledger, jobs, runs
+        self.context, self.ledger, self.runs = context, context.ledger, runs
         self.idle_state = PackML.IDLE
         self.run: Run | None = None
         self.last: dict[str, Any] | None = None
@@ -68,6 +68,11 @@ class Engine:
         self.needs = StartNeeds(context, context.ledger, jobs)
         self.program_start = ProgramStart(context, self.publish)
         self.decisions = Decisions(self)
+
+    @property
+    def jobs(self) -> Mapping[str, type[Procedure]]:
+        """Those that can be started, by name."""
+        return self.needs.jobs
 
     # -- what outside asks for
 

@@ -25,13 +25,13 @@ class StartNeeds:
     """What the jobs of a cell need, as it is now. Nothing moves, and nothing is written."""
 
     def __init__(self, context: CellContext, ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> None:
-        self._context, self._ledger, self._jobs = context, ledger, jobs
+        self._context, self._ledger, self.jobs = context, ledger, jobs
 
     def procedure(self, job: str, params: Mapping[str, str], recipe: Mapping[str, Any]) -> Procedure:
         """The job with its configuration; ``UNKNOWN_JOB`` names those that there are."""
-        cls, config = self._jobs.get(job), self._context.config
+        cls, config = self.jobs.get(job), self._context.config
         if cls is None:
-            known = ", ".join([*sorted(self._jobs), *config.recipe])
+            known = ", ".join([*sorted(self.jobs), *config.recipe])
             raise error("UNKNOWN_JOB", f"'{job}'; there is {known}")
         return make_procedure(cls, config, params, recipe)
 

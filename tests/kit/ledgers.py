@@ -1,5 +1,6 @@
 """A ledger with the pose of a camera in it, for tests of the store."""
 
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,3 +21,12 @@ def subject(tmp_path: Path) -> Iterator[Ledger]:
 
 def propose(ledger: Ledger, x: float, config: object = CONFIG) -> int:
     return ledger.propose(NAME, [x, 0, 0, 0, 0, 0], {"verdict": "pass"}, 1, config)
+
+
+def damage_schema(path: Path) -> None:
+    other = sqlite3.connect(path)
+    other.executescript(
+        "PRAGMA writable_schema = ON; UPDATE sqlite_schema SET sql = 'no words of SQL' WHERE name = 'runs';"
+        "PRAGMA schema_version = 1000;"
+    )
+    other.close()

@@ -14,7 +14,6 @@ from daemon.cli.status_text import status_text
 from daemon.config import CellConfig, load_config
 from daemon.modbus.command import ACCEPTED, Command
 from daemon.plc import PlcFace
-from daemon.start_needs import StartNeeds
 from daemon.start_request import StartRequest
 from fakes.object import run_virtual
 from fakes.object.controller import Program
@@ -75,8 +74,7 @@ async def ask(
     program: bool = True,
 ) -> int:
     """A program runs, asks as its last act, and has ended; the number of the run."""
-    cell.engine.jobs = jobs = {job.name: job}
-    cell.engine.needs = StartNeeds(cell.engine.context, cell.engine.ledger, jobs)
+    cell.engine.needs.jobs = {job.name: job}
     controller = cell.plant.controller
     if program:
         controller.start_foreign()

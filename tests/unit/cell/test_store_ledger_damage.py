@@ -10,7 +10,7 @@ from cell.errors import CellError
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
 from daemon.state_folder import damage_text
-from tests.kit.ledgers import CONFIG, NAME, propose, subject
+from tests.kit.ledgers import CONFIG, NAME, damage_schema, propose, subject
 
 __all__ = ["subject"]
 
@@ -45,15 +45,6 @@ def test_a_full_disk_is_named_and_leaves_the_ledger_usable(subject: Ledger) -> N
     assert caught.value.name == "DISK_FULL"
     subject._db.execute("PRAGMA max_page_count = 100000")
     assert propose(subject, 0.1) > 0
-
-
-def damage_schema(path: Path) -> None:
-    other = sqlite3.connect(path)
-    other.executescript(
-        "PRAGMA writable_schema = ON; UPDATE sqlite_schema SET sql = 'no words of SQL' WHERE name = 'runs';"
-        "PRAGMA schema_version = 1000;"
-    )
-    other.close()
 
 
 def test_a_ledger_that_is_damaged_while_it_is_open_refuses_with_a_code(subject: Ledger) -> None:

@@ -10,7 +10,7 @@ import pytest
 from cell.errors import CellError
 from cell.store._database import disk_error
 from cell.store.ledger import Ledger
-from tests.unit.cell.test_store_ledger import damage_schema
+from tests.kit.ledgers import damage_schema
 
 
 @pytest.fixture

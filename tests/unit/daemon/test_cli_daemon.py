@@ -117,6 +117,7 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
     cell: CellOnDisk, engine: TalkingEngine, subject: CommandLine
 ) -> None:
     engine.plan = {
+        "kind": "hand-eye",
         "axis": "board normal",
         "poses": [
             {

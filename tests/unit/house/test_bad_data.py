@@ -265,7 +265,7 @@ def test_damaged_requests_to_the_daemon_are_refused_or_answered_and_the_next_one
 def test_a_defect_that_a_damaged_request_finds_is_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.engine.make_procedure", lambda cls, config, params: {}[cls])
+    monkeypatch.setattr("daemon.start_needs.make_procedure", lambda cls, config, params, recipe: {}[cls])
     ((_, subject),) = measure(40, 7, tmp_path, ("control requests",))
     assert any("INTERNAL" in fault for fault in subject.faults)
     assert any("traceback" in fault for fault in subject.faults)

@@ -122,7 +122,7 @@ def switched(folder: Path, use: bool) -> CellConfig:
 
 def with_job(cell: ObjectCell) -> ObjectCell:
     add_outside(KIND.name)
-    cell.engine.jobs = {**JOBS, GoThere.name: GoThere}
+    cell.engine.needs.jobs = {**JOBS, GoThere.name: GoThere}
     cell.job = GoThere.name
     return cell
 
