@@ -36,6 +36,11 @@ class Setup:
         """Taught joint angles by name, rad."""
         return self.values.poses
 
+    def committed(self, name: str) -> dict[str, Any] | None:
+        """The version of ``name`` in effect, None without one; a ``CellError`` as of ``calibrations``."""
+        rows = self.calibrations()
+        return next((row for row in rows if (row["name"], row["state"]) == (name, "committed")), None)
+
     def job(self, section: type[M]) -> M | None:
         """The configured job whose section is of this model, None without one."""
         return next((job for job in self.jobs if isinstance(job, section)), None)

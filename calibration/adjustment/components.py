@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.adjustment.equations import Equations, Observations, Prior, equations
+from calibration.hand_eye.noise import scores_of_noise
 from calibration.hand_eye.normal import row_blocks
 from cell.poses import Array
 
@@ -156,9 +157,9 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
         fitted = carried @ np.swapaxes(follows, 1, 2)
         fitted += L @ eq.inverse[obs.group[rows]] @ np.swapaxes(L, 1, 2)
         V = obs.parts[:, rows] * square[:, None, None, None]
-        RV = (P - P @ fitted @ P) @ V
-        score[:k] += 0.5 * (np.sum(Pr * (V @ Pr), axis=(1, 2, 3)) - np.einsum("knii->k", RV))
-        metric[:k, :k] += 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
+        of_score, of_metric = scores_of_noise(V, P - P @ fitted @ P, Pr)
+        score[:k] += of_score
+        metric[:k, :k] += of_metric
     if now.of_sums in now.sigma:
         i = list(now.sigma).index(now.of_sums)
         left = obs.squares(x) / now.variance_of_sums

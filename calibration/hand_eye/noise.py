@@ -157,6 +157,16 @@ def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:
     return replace(noise, sigma={k: float(v) for k, v in sigma.items()})
 
 
+def scores_of_noise(V: Array, R: Array, Pr: Array) -> tuple[Array, Array]:
+    """Score (k,) and metric (k, k) of the k noise levels that have the parts ``V`` (k, n, d, d) in the
+    variance of n observations, by their weighted residuals ``Pr`` (n, d, 1); ``R`` (n, d, d) is the weight
+    less what the fit follows of each."""
+    RV = R @ V
+    score = 0.5 * (np.sum(Pr * (V @ Pr), axis=(1, 2, 3)) - np.einsum("knii->k", RV))
+    flat = RV.reshape(len(V), -1)
+    return score, 0.5 * (flat @ np.swapaxes(RV, 2, 3).reshape(len(V), -1).T)
+
+
 def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...]) -> tuple[Array, Array]:
     """Derivative of the restricted log-likelihood by the logarithms of the variances, and its metric.
 
@@ -177,9 +187,9 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
         PJ = W @ J
         R = W - PJ @ every[group] @ np.swapaxes(PJ, 1, 2)
         V = parts[:, rows] * square[:, None, None, None]
-        RV = R @ V
-        score += 0.5 * (np.sum(Pr * (V @ Pr), axis=(1, 2, 3)) - np.einsum("knii->k", RV))
-        info += 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
+        of_score, of_info = scores_of_noise(V, R, Pr)
+        score += of_score
+        info += of_info
     if "sigma_px" in names:
         i = names.index("sigma_px")
         dof = float(problem.dof.sum())

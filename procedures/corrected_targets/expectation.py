@@ -25,7 +25,7 @@ def targets_expectation(setup: Setup, job: CorrectedTargetsConfig) -> dict[str, 
         text = "[robot] observed_model is missing; give the ROBOT of the observed arm as a JSON file"
         return {"text": text, "problems": [text], "cautions": []}
     name = kinematics(setup.roles["observed_arm"])
-    accepted = next((r for r in setup.calibrations() if (r["name"], r["state"]) == (name, "committed")), None)
+    accepted = setup.committed(name)
     cautions: list[str] = []
     try:
         if accepted is None:

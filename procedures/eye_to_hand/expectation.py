@@ -23,9 +23,10 @@ from procedures.setup import Setup
 from procedures.words import deg, mm
 
 HAND_EYE = "T_base_camera"
+Lens = Mapping[str, Any]
 # Of a camera that is not calibrated yet no picture is known; what is out of one as wide as this (135 degrees)
 # is out of any.
-_WIDE: Mapping[str, Any] = ASSUMED_CAMERA | {
+_WIDE: Lens = ASSUMED_CAMERA | {
     "width": 3840,
     "height": 2400,
     "K": [800.0, 800.0, 1919.5, 1199.5],
@@ -81,9 +82,12 @@ def _reached(setup: Setup, job: EyeToHandCheckConfig) -> _Reach:
         unchecked = [f"targets: none was checked without {missing}"] if job.targets else []
         return _Reach(f"no prediction of what is reached without {missing}", cautions=unchecked)
     lens = setup.stated(HAND_EYE).get("lens")
-    view = _view(setup, job, camera, q, lens or ASSUMED_CAMERA)
     table = setup.values.targets[job.target]
-    if why := TargetView(table, job.T_marker_flange, lens or _WIDE).fault(_flange(setup, camera, q)):
+    widest = TargetView(table, job.T_marker_flange, lens or _WIDE)
+    flange = robot_from_spec(setup.values.robot).forward(np.array(q))
+    looks_at = to_pose6(from_pose6(camera).inv() * flange).tolist()
+    view = _view(table, q, flange, widest.seen(looks_at), lens or ASSUMED_CAMERA)
+    if why := widest.fault(looks_at):
         text = (
             f"start_pose: with the arm at '{look}' {why}, by {HAND_EYE} and T_marker_flange: name a pose of "
             "[poses] where the camera sees the target, or correct these two"
@@ -100,7 +104,7 @@ def _reached(setup: Setup, job: EyeToHandCheckConfig) -> _Reach:
         return _Reach(text, problems)
     rows = list_targets(
         setup.values,
-        TargetView(table, job.T_marker_flange, lens or _WIDE),
+        widest,
         TargetsAsGiven(camera, job.targets, known, q, job.volume()),
     )
     left_out = [f"{_key(row)}: {row['why']}, {_LEFT_OUT}" for row in rows if row["why"]]
@@ -132,40 +136,23 @@ def _key(row: Mapping[str, Any]) -> str:
 def _camera(setup: Setup) -> list[float] | None:
     """T_base_camera (6,) as a start would have it: the version in effect, else the nominal one."""
     try:
-        rows = setup.calibrations()
+        accepted = setup.committed(HAND_EYE)
     except CellError:
-        rows = []
-    for row in rows:
-        if row["name"] == HAND_EYE and row["state"] == "committed":
-            return [float(v) for v in row["value"]]
-    nominal = setup.nominal["T_base_camera_nominal"]
-    return None if nominal is None else [float(v) for v in nominal]
-
-
-def _seen(setup: Setup, camera: Sequence[float], q: Sequence[float]) -> RigidTransform:
-    """T_camera_flange with the arm at ``q`` (6,) rad."""
-    return from_pose6(camera).inv() * robot_from_spec(setup.values.robot).forward(np.array(q))
-
-
-def _flange(setup: Setup, camera: Sequence[float], q: Sequence[float]) -> list[float]:
-    return [float(v) for v in to_pose6(_seen(setup, camera, q))]
+        accepted = None  # another check says that the ledger cannot be read
+    pose = setup.nominal["T_base_camera_nominal"] if accepted is None else accepted["value"]
+    return None if pose is None else [float(v) for v in pose]
 
 
 def _view(
-    setup: Setup,
-    job: EyeToHandCheckConfig,
-    camera: Sequence[float],
-    q: Sequence[float],
-    lens: Mapping[str, Any],
+    table: Mapping[str, Any], q: Sequence[float], flange: RigidTransform, seen: RigidTransform, lens: Lens
 ) -> BoardObservation:
-    """The target as it is expected to be seen from where the poses begin."""
-    points = make_target(setup.values.targets[job.target]).points
-    seen = _seen(setup, camera, q) * from_pose6(job.T_marker_flange).inv()
+    """The target as it is expected where the poses begin: at the joints ``q`` (6,), with the flange there and
+    the target ``seen`` there in the camera."""
+    points = make_target(table).points
     intrinsics = Intrinsics(lens["width"], lens["height"], tuple(lens["K"]), tuple(lens["dist"]))
-    flange = robot_from_spec(setup.values.robot).forward(np.array(q))
     return BoardObservation(
         q=[float(v) for v in q],
-        T_base_flange=[float(v) for v in to_pose6(flange)],
+        T_base_flange=to_pose6(flange).tolist(),
         ids=list(range(len(points))),
         corners=project(seen.apply(points), intrinsics).tolist(),
         camera=dict(lens),

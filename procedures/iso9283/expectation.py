@@ -75,9 +75,8 @@ def _not_of_this_arm(setup: Setup, job: Iso9283Config) -> list[str]:
         role: getattr(setup.devices[roles[role]], "expect_serial", None) or "" for role in ("arm", "tracker")
     }
     try:
-        rows = [r for r in setup.calibrations() if (r["name"], r["state"]) == (name, "committed")]
-        if rows:
-            found = kinematics_of(replace(setup.values, kinematics={"arm": rows[0]["value"]}), job)
+        if (accepted := setup.committed(name)) is not None:
+            found = kinematics_of(replace(setup.values, kinematics={"arm": accepted["value"]}), job)
             require_same_devices(found, job, serials)
     except CellError as exc:
         return [f"{exc}. {exc.hint}"]

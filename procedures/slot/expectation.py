@@ -76,9 +76,9 @@ def _cautions(setup: Setup, job: SlotInsertionConfig, alone: float) -> list[str]
             f"{_known_now(job)} alone take most of the room: measure them better, or expect refusals"
         )
     try:
-        rows = setup.calibrations()
+        known = setup.committed("T_flange_camera") is not None
     except CellError:
-        rows = []
-    if not any(r["name"] == "T_flange_camera" and r["state"] == "committed" for r in rows):
+        known = False
+    if not known:
         found.append("no hand-eye of the camera is in effect: run cone-capture and accept its result")
     return found

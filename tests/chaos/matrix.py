@@ -18,6 +18,14 @@ import pytest
 from cell.procedure import Run
 from tests.kit.object_cell import WHO, ObjectCell
 
+BRISK = {  # limits of the arm with which a run goes fast
+    "speed_m_s": 1.0,
+    "accel_m_s2": 5.0,
+    "joint_speed_rad_s": 3.0,
+    "joint_accel_rad_s2": 20.0,
+    "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}],
+}
+
 
 @dataclass(frozen=True)
 class Kind:

@@ -11,20 +11,13 @@ import pytest
 from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.hand_eye.states import State
-from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
+from tests.chaos.matrix import BRISK, Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report", "quick_solver"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
 
-BRISK = {
-    "speed_m_s": 1.0,
-    "accel_m_s2": 5.0,
-    "joint_speed_rad_s": 3.0,
-    "joint_accel_rad_s2": 20.0,
-    "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}],
-}
 PLAN = {
     "poses_per_placement": 3,
     "frames_per_pose": 1,

@@ -23,20 +23,13 @@ from procedures.eye_to_hand.check import EyeToHandCheck, solve_run
 from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
 from procedures.hand_eye.plan import PlacementPlan
 from procedures.hand_eye.states import State
-from tests.chaos.matrix import Kind, Strike, assert_aborted, covering, in_cells, kind, put_right, short
+from tests.chaos.matrix import BRISK, Kind, Strike, assert_aborted, covering, in_cells, kind, put_right, short
 from tests.kit.check_cell import DRIVING, STEPS, check_cell, config, wanted
 from tests.kit.object_cell import PLANNERS, WHO, ObjectCell, no_report
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
-BRISK = {
-    "speed_m_s": 1.0,
-    "accel_m_s2": 5.0,
-    "joint_speed_rad_s": 3.0,
-    "joint_accel_rad_s2": 20.0,
-    "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}],
-}
 JOB = {
     "poses": 10,
     "min_poses": 10,

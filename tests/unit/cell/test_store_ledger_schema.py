@@ -56,8 +56,8 @@ def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
     subject.close()
 
 
-def test_the_form_before_is_kept_and_can_be_put_back(tmp_path: Path) -> None:
-    path = tmp_path / "ledger.sqlite"
+def of_schema_2(path: Path) -> None:
+    """A ledger of that schema with one version in effect."""
     old = Ledger(path)
     old.accept(propose(old, 1.0), "test")
     old.close()
@@ -66,6 +66,11 @@ def test_the_form_before_is_kept_and_can_be_put_back(tmp_path: Path) -> None:
     database.execute("ALTER TABLE runs DROP COLUMN tool")
     database.executescript("PRAGMA user_version = 2;")
     database.close()
+
+
+def test_the_form_before_is_kept_and_can_be_put_back(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite"
+    of_schema_2(path)
     subject = Ledger(path)
     subject.accept(propose(subject, 2.0), "test")
     subject.close()
@@ -85,14 +90,7 @@ def test_a_change_that_fails_leaves_the_ledger_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "ledger.sqlite"
-    old = Ledger(path)
-    old.accept(propose(old, 1.0), "test")
-    old.close()
-    database = sqlite3.connect(path)
-    database.execute("ALTER TABLE calibrations DROP COLUMN folder")
-    database.execute("ALTER TABLE runs DROP COLUMN tool")
-    database.executescript("PRAGMA user_version = 2;")
-    database.close()
+    of_schema_2(path)
     monkeypatch.setitem(_database.STEPS, 2, _database.STEPS[2] + "SELECT 1 FROM nowhere;")
     with pytest.raises(CellError, match="nowhere"):
         Ledger(path)
