@@ -1,4 +1,4 @@
-"""The camera of the object face: corners straight from the world, and pictures of a rack alone."""
+"""The camera of the object face: corners straight from the world, and pictures where a rack is looked at."""
 
 import asyncio
 from collections.abc import Sequence
@@ -31,7 +31,8 @@ class ObjectCameraConfig(Strict):
 
 
 class ObjectCamera(ObjectDevice):
-    """``cell.devices.DepthCamera`` on virtual time. Frames have files where the world has a rack."""
+    """``cell.devices.DepthCamera`` on virtual time. Frames have files where the world has a rack and no board
+    is looked for."""
 
     Config = ObjectCameraConfig
     PLAYS = (DepthCamera,)
@@ -81,7 +82,8 @@ class ObjectCamera(ObjectDevice):
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
         """``count`` frames exposed wholly after ``after``; this face writes files where there is a rack, of
-        which it is the picture that is looked at. ``DISK_FAILED`` without the folder."""
+        which it is the picture that is looked at, and not while a board is looked for: its corners come with
+        the frame. ``DISK_FAILED`` without the folder."""
         if not await asyncio.to_thread(folder.is_dir):
             raise error("DISK_FAILED", f"{folder}: there is no such folder")
         frames: list[Frame] = []
@@ -96,7 +98,7 @@ class ObjectCamera(ObjectDevice):
             ][:count]
             if len(frames) < count:
                 await self.wait_change(self.frames.period_s / 2.0)
-        if self.world.rack is None:
+        if self.world.rack is None or self._target is not None:
             return frames
         return [await asyncio.to_thread(self._drawn, f, folder, f"{stem}-{k}") for k, f in enumerate(frames)]
 

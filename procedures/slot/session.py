@@ -72,6 +72,8 @@ class InsertionRun:
         an error."""
         run, action = self.run, self.config.action
         await run.enter(S.PREPARE)
+        # This job looks at whole pictures; a board that an earlier one looked for costs time in every frame.
+        await self.camera.set_target(None)
         route = await self.plan()
         run.note("decision", event="plan", plan=route.listing)
         await asyncio.to_thread(self.write)

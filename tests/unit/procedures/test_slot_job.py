@@ -222,6 +222,18 @@ def test_what_keeps_a_part_from_being_tried_is_an_error(
     run_of(config(tmp_path, **job), look)
 
 
+def test_a_board_that_an_earlier_job_looked_for_is_looked_for_no_more(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with open_cell(config(tmp_path), job=SLOT) as cell:
+            give_hand_eye(cell)
+            camera: Any = cell.context.device("flange_camera")
+            await camera.set_target(cell.plant.world.target)
+            # The camera of this face gives no picture while a board is looked for.
+            assert (await cell.run_job())["outcome"] == "complete"
+
+    run_virtual(scene())
+
+
 def test_a_camera_of_unknown_uncertainty_is_refused(tmp_path: Path) -> None:
     async def scene() -> None:
         async with open_cell(config(tmp_path), job=SLOT) as cell:
