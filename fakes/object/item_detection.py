@@ -14,6 +14,7 @@ from fakes.world.camera.truth import CameraTruth
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
 _SIGMA_STEREO_M = 0.0003  # with depth of a stereo pair; bench.items_stereo shows less
+_SCALE_SIGMA = 0.02  # of a height by a stereo pair, as the detector states it
 _WHOLE_PX, _SMEARED = 4.0, 0.1  # a smear that does no harm; by each pixel more, of the middle along the belt
 _RIM_PX = 5.0
 _LOOK_M = 1.2  # along the belt, each way from below the camera
@@ -37,20 +38,23 @@ def items_seen(
         corners = _corners(size_m) @ top[:3, :3].T + middle
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
             continue
-        height = float(normal @ middle) - float(spec["offset_m"])
+        height = look.height_told(float(normal @ middle) - float(spec["offset_m"]))
         if not spec["min_height_m"] <= height <= spec["max_height_m"]:
             continue
         if not spec["size_m"][0] <= max(size_m[:2]) <= spec["size_m"][1]:
             continue
         if not _within(middle, spec.get("region"), normal):
             continue
-        if not look.camera.depth:  # on the sight, where it is as high as is said
+        if not look.camera.depth:
             height = float(spec["height_m"])
-            middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
+        # On the sight, where it is as high as is believed.
+        middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
         middle = look.placed(middle, normal)
         rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
         sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
         off = sigma * rng.standard_normal(3)
+        if look.camera.stereo is not None:
+            sigma = float(np.hypot(sigma, _slant(middle, normal) * _SCALE_SIGMA * height))
         turn = _SIGMA_RAD * rng.standard_normal()
         axis = top[:3, :3] @ [np.cos(turn), np.sin(turn), 0.0]
         smeared = _SMEARED * max(smear_m - _WHOLE_PX * middle[2] / look.camera.K[0], 0.0)
@@ -76,6 +80,10 @@ class Look:
         uv = self._project(np.ascontiguousarray(points))
         return bool(np.all((uv > _RIM_PX) & (uv < self._size - 1.0 - _RIM_PX)))
 
+    def height_told(self, height_m: float) -> float:
+        """The height over the belt that depth gives to a face; the belt's is off by the same share."""
+        return height_m if self.camera.stereo is None else self.camera.stereo.scale * height_m
+
     def placed(self, point: Array, normal: Array) -> Array:
         """Where the sight through the pixel of ``point`` (3,), by the detector's lens, meets its level."""
         if self._lens is None:
@@ -85,6 +93,12 @@ class Look:
         sight = np.append(xy, 1.0)
         out: Array = sight * float(normal @ point) / float(normal @ sight)
         return out
+
+
+def _slant(point: Array, normal: Array) -> float:
+    """The tangent of the angle between the sight to ``point`` (3,) and the belt's ``normal`` (3,)."""
+    along = float(point @ normal)
+    return float(np.linalg.norm(point - along * normal)) / abs(along)
 
 
 def _corners(size_m: Sequence[float]) -> Array:
