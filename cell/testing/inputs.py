@@ -74,9 +74,12 @@ class InputsContract(DeviceContract[InputsRig]):
     ) -> None:
         async def scene(rig: InputsRig) -> None:
             begun = rig.clock.now()
-            await rig.clock.sleep(30 * rig.period_s)
+            for _ in range(20):
+                await rig.fresh()
             polls = rig.device.inputs.between(begun, rig.clock.now())
-            assert len(polls) >= 15
+            assert len(polls) >= 20
+            gaps = sorted(b.t - a.t for a, b in pairwise(polls))
+            assert gaps[len(gaps) // 2] < 2.0 * rig.period_s
             assert all(a.t < b.t and a.seq < b.seq for a, b in pairwise(polls))
             halves = sorted(poll.dt for poll in polls)
             assert halves[0] > 0.0
