@@ -284,7 +284,9 @@ class ObjectMotionPort:
             raise error("ARM_SCRIPT_DIED", f"no inverse kinematics: {exc}") from exc
 
     def _force(self, t: float) -> Array:
-        return self._world.contact_force(t, self._controller.T_flange_tcp)[:3]
+        """What the sensor shows: the contact, and what wanders without one."""
+        wrench = self._world.contact_force(t, self._controller.T_flange_tcp) + self._world.reported.force(t)
+        return wrench[:3]
 
     async def _check_joints(self, q: Array) -> None:
         measured = await self._measured_joints()

@@ -434,6 +434,26 @@ def test_a_guarded_move_ends_at_the_force_or_at_the_travel_limit(tmp_path: Path)
     run_virtual(scene())
 
 
+@pytest.mark.parametrize(("limit_n", "ended"), [(2.0, True), (20.0, False)])
+def test_a_guarded_move_ends_at_a_force_that_only_wanders_where_the_limit_is_near_it(
+    limit_n: float, ended: bool
+) -> None:
+    async def scene() -> None:
+        arm = arm_on(VirtualClock(), "hand_eye")
+        await arm.open()
+        port = await arm.open_motion(TOOL)
+        start = arm.state.latest(0.1).value
+        down = start.T_base_flange * from_pose6([0, 0, 0.08, 0, 0, 0])
+        slow = Speed(0.01, 0.5, 0.5, 1.0)
+        assert await port.guarded_move(down, slow, max_force_n=limit_n, max_travel_m=0.08) is ended
+        wandered = arm.state.latest(0.1).value.tcp_force - start.tcp_force
+        assert 1.5 < np.linalg.norm(wandered[:3]) < 20.0
+        await port.close()
+        await arm.close()
+
+    run_virtual(scene())
+
+
 class FreeRoom:
     """A guard with nothing to object to."""
 
