@@ -32,9 +32,12 @@ SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
 ROBOT_FILE = "robot.json"
 IDEAL_SUFFIX = ":ideal"
-IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
-    "arm": ("servo", "reported", "joint_errors"),
+IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out; see left_out
+    "": ("target_print",),
+    "arm": ("servo", "reported", "joint_errors", "error"),
+    "observed": ("joint_errors",),
     "camera": (
+        "told",
         "noise_px",
         "row_time_s",
         "stamp_jitter_s",
@@ -392,14 +395,25 @@ def _changed(tables: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]
     return {**tables, **both}
 
 
+def left_out(world: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """The keys that the ideal world of ``world`` leaves out, by table; those of ``world`` itself under "".
+
+    Links that a tracker measures keep their error: it is what the tracker is there to find.
+    """
+    if "tracker" not in world:
+        return dict(IDEAL)
+    return {**IDEAL, "arm": tuple(key for key in IDEAL["arm"] if key != "error")}
+
+
 def _kinder(world: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a world without what an ideal one leaves out."""
+    unkind = left_out(world)
     kinder = {
-        name: {key: value for key, value in world[name].items() if key not in unkind}
-        for name, unkind in IDEAL.items()
+        name: {key: value for key, value in world[name].items() if key not in keys}
+        for name, keys in unkind.items()
         if isinstance(world.get(name), dict)
     }
-    return {**world, **kinder}
+    return {**{key: value for key, value in world.items() if key not in unkind[""]}, **kinder}
 
 
 def _findings(exc: ValidationError) -> list[str]:

@@ -1,8 +1,9 @@
 """A shipped scenario as text without what an ideal world leaves out, to be changed line by line."""
 
+import tomllib
 from importlib.resources import files
 
-from fakes.world.scenario import IDEAL
+from fakes.world.scenario import left_out
 
 
 def shipped_text(name: str) -> str:
@@ -18,12 +19,13 @@ def ideal_text(name: str) -> str:
     text = shipped_text(name)
     if "\nlike = " in text:
         raise ValueError(f"{name} is like another scenario, so its text alone has no ideal world")
+    unkind = left_out(tomllib.loads(text)["world"])
     kept, table, within = list[str](), "", True
     for line in text.splitlines():
         if line.startswith("["):
             _, table, key, *_ = [*line.strip("[] ").split("."), "", ""]
-            within = key not in IDEAL.get(table, ())
-        if within and (line.startswith("[") or line.split("=")[0].strip() not in IDEAL.get(table, ())):
+            within = key not in unkind.get(table, ()) and table not in unkind[""]
+        if within and (line.startswith("[") or line.split("=")[0].strip() not in unkind.get(table, ())):
             kept.append(line)
     return "\n".join(kept) + "\n"
 

@@ -12,7 +12,8 @@ from fakes.world.arm.reported import Reported
 from fakes.world.arm.segments import Polynomial
 from fakes.world.arm.servo import Servo
 from fakes.world.arm.smoothed import Smoothed
-from fakes.world.arm.truth import Lag, ReportedTruth, ServoTruth
+from fakes.world.arm.truth import JointErrorsTruth, Lag, Links, ReportedTruth, ServoTruth
+from fakes.world.camera.truth import PrintTruth, ToldTruth
 from fakes.world.scenario import Scenario, shipped_scenarios
 from fakes.world.world import World
 from tests.kit.ideal_world import ideal_text, shipped_text
@@ -116,6 +117,21 @@ def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
     assert ideal.arm.reported == ReportedTruth()
     assert (real.camera.row_time_s > 0.0, ideal.camera.row_time_s) == (True, 0.0)
     assert (real.gripper.close_s, ideal.gripper.close_s) == (0.3, 0.04)
+
+
+def test_in_an_ideal_world_links_lens_and_print_are_as_told() -> None:
+    real, ideal = (Scenario.load(f"workshop{suffix}").world for suffix in ("", ":ideal"))
+    assert np.any(real.arm.error.deltas().delta_d)
+    assert (ideal.arm.error, ideal.camera.told, ideal.target_print) == (Links(), ToldTruth(), PrintTruth())
+
+
+def test_the_links_that_a_tracker_measures_keep_their_error_in_an_ideal_world() -> None:
+    for name in ("tracker", "palletizer"):
+        real, ideal = (Scenario.load(f"{name}{suffix}").world for suffix in ("", ":ideal"))
+        assert ideal.arm.error == real.arm.error
+        assert ideal.arm.joint_errors == JointErrorsTruth()
+        if real.observed is not None:
+            assert ideal.observed.error == real.observed.error
 
 
 LIKE = [name for name in shipped_scenarios() if "\nlike = " in shipped_text(name)]

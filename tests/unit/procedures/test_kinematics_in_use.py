@@ -345,7 +345,7 @@ def test_another_load_and_a_tool_of_another_model_are_told_in_the_result(
 
 def test_a_reference_keeps_the_model_it_was_made_with_and_fits_a_check_that_follows(tmp_path: Path) -> None:
     laser_config(tmp_path, {"max_U_m": 0.01, "max_slope_rad": 0.1, "max_plane_gap_m": 0.01})
-    config, error = switched(tmp_path, True), Scenario.load("laser:ideal").world.arm.error.model_dump()
+    config, error = switched(tmp_path, True), Scenario.load("laser").world.arm.error.model_dump()
     value = {"robot": {"model": "ur10e", "calibration": {k: list(v) for k, v in error.items()}}}
 
     async def main() -> None:
