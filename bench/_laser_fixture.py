@@ -4,20 +4,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from tests.kit.ideal_world import ideal_text
+from tests.kit.ideal_world import ideal_text, shipped_text
 
 RIM, THIN_M, PIN_M = 16, 5e-5, 0.003
 HEIGHT_M = 2.5e-3  # the beams are up to so much higher or lower
 
 
-def scenario(kind: str, sigma_m: float, seed: int) -> str:
-    """The shipped scenario. ``kind`` is round or flat, ``sigma_m`` the arm's standard deviation of one axis;
-    the beams' heights are drawn from ``seed``."""
+def scenario(kind: str, sigma_m: float, seed: int, ideal: bool = False) -> str:
+    """The shipped scenario, or its ideal world. ``kind`` is round or flat, ``sigma_m`` the arm's standard
+    deviation of one axis; the beams' heights are drawn from ``seed``."""
     rng = np.random.default_rng([seed, 5])
     low = 0.25 + rng.uniform(-HEIGHT_M, HEIGHT_M)
-    text = ideal_text("laser")
+    text = (ideal_text if ideal else shipped_text)("laser")
     text = _with(text, "seed = 20260", f"seed = {seed + 1}")
-    text = _with(text, "repeatability_t_m = 0.00001", f"repeatability_t_m = {sigma_m:.7f}")
+    text = _with(text, "repeatability_t_m = 0.0000139", f"repeatability_t_m = {sigma_m:.7f}")
     text = _with(text, "[-0.45, 0.45, 0.25]", f"[-0.45, 0.45, {low:.7f}]")
     text = _with(text, "[-0.45, 0.45, 0.2503]", f"[-0.45, 0.45, {low + rng.uniform(0.0, 4e-4):.7f}]")
     if kind == "flat":
