@@ -175,7 +175,7 @@ class ObjectArm(ObjectDevice):
                 self._resting[2],
                 stamp=c.stamp(t),
                 digital_in=self.world.arm_digital_in(t),
-                speed_scaling=c.speed_fraction,
+                speed_scaling=c.speed_scaling(t),
             )
         state = self._measure(t, tick, segment)
         if t >= segment.t_end and self.world.reported.exact:
@@ -204,7 +204,7 @@ class ObjectArm(ObjectDevice):
             digital_in=self.world.arm_digital_in(t),
             digital_out=0,
             stamp=c.stamp(t),
-            speed_scaling=c.speed_fraction,
+            speed_scaling=c.speed_scaling(t),
         )
 
     def _told(self, t: float, tick: int, segment: Segment, T_flange_tcp: Array) -> list[Array]:

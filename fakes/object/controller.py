@@ -10,6 +10,7 @@ from cell.clock import Clock
 from cell.devices import SafetyMode
 from cell.errors import CellError, error
 from fakes.object._plant import Plant
+from fakes.object.stream_time import StreamTime
 from fakes.world.world import World
 
 RUNNING, POWER_OFF = 7, 3
@@ -42,7 +43,7 @@ class Controller(Plant):
         self.T_flange_tcp = RigidTransform.identity()
         self.payload_kg = 0.0
         self.hanging_calls = 0
-        self.speed_fraction = 1.0  # the speed slider
+        self.stream_time = StreamTime(world.track, world.config.arm)
         self.died_of: CellError | None = None
         self.rebooted = False
         self._booted_at = clock.now()
@@ -65,6 +66,15 @@ class Controller(Plant):
     def stamp(self, t: float) -> float:
         """The controller's own clock at our time ``t``."""
         return t - self._booted_at
+
+    @property
+    def speed_fraction(self) -> float:
+        """The speed slider's share of full speed."""
+        return self.stream_time.fraction
+
+    def speed_scaling(self, t: float) -> float:
+        """The share of full speed at which the controller runs: the slider's, and less at a joint's limit."""
+        return self.stream_time.fraction * self.stream_time.limiting(t)
 
     def safety_error(self, robot_mode: int, safety_mode: int) -> CellError | None:
         """The coded error that these modes mean, or None while the arm may move."""
@@ -126,7 +136,7 @@ class Controller(Plant):
         """An operator puts the arm right: released, powered, in remote mode, no program, registers free."""
         self.robot_mode, self.safety_mode, self.remote = RUNNING, SafetyMode.NORMAL, True
         self.registers_free, self.hanging_calls, self.rebooted = True, 0, False
-        self.speed_fraction = 1.0
+        self._speed_slider(1.0)
         if self.program is Program.FOREIGN:
             self._end_program()
         super().clear()
@@ -176,7 +186,7 @@ class Controller(Plant):
         self.brake(_HARD_STOP)
 
     def _speed_slider(self, fraction: float) -> None:
-        self.speed_fraction = min(max(fraction, 0.01), 1.0)
+        self.stream_time.set_fraction(self.clock.now(), min(max(fraction, 0.01), 1.0))
 
     def _hang(self, calls: int = 1) -> None:
         self.hanging_calls = calls

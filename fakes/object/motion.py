@@ -108,7 +108,8 @@ class ObjectMotionPort:
         await self._enter()
         now = self._clock.now()
         self._brake = max(STOP_DECEL_M_S2, speed.joint_rad_s2)
-        self._world.track.start_joint_move(now, q, speed.joint_rad_s, speed.joint_rad_s2)
+        slider = self._controller.speed_fraction
+        self._world.track.start_joint_move(now, q, speed.joint_rad_s * slider, speed.joint_rad_s2)
         await self._until_rest()
         await self._check_joints(np.asarray(q, dtype=float))
 
@@ -147,6 +148,7 @@ class ObjectMotionPort:
         await self._enter()
         source, ends = aiter(pieces), inf
         self._sent = None
+        self._controller.stream_time.begin()
         while (piece := await self._next_piece(source, ends)) is not None:
             self._follow(piece)
             ends = piece.t1
@@ -171,9 +173,9 @@ class ObjectMotionPort:
         step = float(np.max(np.abs(self._sent.at(start)[0] - here)))
         if step > MAX_STREAM_STEP_RAD:
             raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
-        lag, config = self._world.config.arm.servo.lag, self._arm.config
+        config = self._arm.config
         late = WIRE_S + lag_s(config.servo_lookahead_s, config.servo_gain)
-        self._world.track.follow(self._sent, lag, late)
+        self._controller.stream_time.follow(self._sent, late)
 
     async def set_tool(self, tool: ToolSettings) -> None:
         """Another TCP and payload, at rest."""
@@ -276,7 +278,7 @@ class ObjectMotionPort:
                 self._world.believed,
                 compose(T_base_flange, T_flange_tcp),
                 T_flange_tcp,
-                speed.tcp_m_s,
+                speed.tcp_m_s * self._controller.speed_fraction,
                 speed.tcp_m_s2,
             )
         except UnreachableError as exc:

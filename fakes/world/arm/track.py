@@ -102,6 +102,21 @@ class Track:
             self.append(Hold(since, segment.at(since)[0]))
             self.append(replace(segment, t0=t, gone_s=since - segment.begun))
 
+    def pace(self, t: float, change: float) -> None:
+        """What is followed from ``t`` on comes ``change`` times as fast; braking at its end stays as hard.
+
+        Where a stop is planned already, it stays as it is.
+        """
+        if not isinstance(self._segments[-1], Polynomial | Smoothed):
+            return
+        first = max(bisect_right(self._starts, t) - 1, 0)
+        for segment in self._segments[first:]:
+            if isinstance(segment, Polynomial) and t < segment.t1:
+                self.append(segment.paced(t, t, change))
+            elif isinstance(segment, Smoothed) and t < segment.sent.t1:
+                q0 = self.at(t)[0] if segment.t0 < t else segment.q0
+                self.append(Smoothed(segment.sent.paced(t, t, change), segment.tau / change, q0))
+
     def start_joint_move(self, t: float, q_target: ArrayLike, v: float, a: float) -> float:
         """Synchronised joint move, ``v`` (rad/s) and ``a`` (rad/s^2) for the joint with the longest way.
 

@@ -5,11 +5,9 @@ while, as somebody who first looks around; it knows its limits and says at which
 shares this, so what the arm itself does wrong lives here; what goes wrong on a link lives in the face.
 """
 
-from bisect import bisect_right
 from collections.abc import Callable
 from enum import IntEnum
-from math import inf
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +19,7 @@ from fakes.world.arm.track import Track
 from fakes.world.palletizer.joint_errors import palletizer_joint_errors
 from fakes.world.palletizer.linkage import JOINTS, Palletizer
 from fakes.world.palletizer.truth import ObservedTruth
-
-T = TypeVar("T")
+from fakes.world.timeline import Timeline
 
 MOVING_RAD_S = 1e-6
 HISTORY_S = 120.0
@@ -35,26 +32,6 @@ class Status(IntEnum):
     BUSY = 1  # a request was taken, the arm sets out or moves
     THERE = 2  # the arm stands at the pose that was asked for
     REFUSED = 3  # the pose that was asked for is outside the arm's limits
-
-
-class Timeline(Generic[T]):
-    """A value that changes at known times; what was planned for later goes with every new change."""
-
-    def __init__(self, first: T) -> None:
-        self._times, self._values = [-inf], [first]
-
-    def at(self, t: float) -> T:
-        return self._values[bisect_right(self._times, t) - 1]
-
-    def put(self, t: float, value: T) -> None:
-        """The value from ``t`` on."""
-        keep = max(bisect_right(self._times, t), 1)
-        self._times[keep:], self._values[keep:] = [t], [value]
-
-    def then(self, t: float, value: T) -> None:
-        """Plan a change after all others."""
-        self._times.append(t)
-        self._values.append(value)
 
 
 class ObservedPalletizer:
