@@ -14,6 +14,9 @@ class OakConfig(Strict):
     """An OAK device, or a frame socket in its place."""
 
     source: str = Field("oak", description=f'"oak" or "{FRAMES_SCHEME}/path/to/socket"')
+    host: str | None = Field(
+        None, description="address of an OAK on a network; without DHCP it has 169.254.1.222 (Luxonis)"
+    )
     expect_serial: str | None = Field(None, description="refuse another device; picks one of several OAKs")
     width: int = Field(
         1280, ge=320, le=4096, multiple_of=16, description="colour and aligned depth, oak only"
@@ -46,6 +49,21 @@ class OakConfig(Strict):
     stereo_preset: Literal["accuracy", "default", "density", "high_detail", "robotics"] | None = Field(
         None, description="of depthai's stereo node, with its filters; absent: the node's own"
     )
+    stereo_height: Literal[400, 720, 800] = Field(
+        400, description="of the pictures that are matched: 640 x 400, 1280 x 720 or 1280 x 800 pixels"
+    )
+    stereo_subpixel_bits: Literal[3, 4, 5] = Field(
+        3, description="steps of a pixel's disparity are 2 to this power"
+    )
+    stereo_median: Literal["off", "3x3", "5x5", "7x7"] | None = Field(
+        None, description="median filter of disparity; absent: the preset's"
+    )
+    stereo_filters: list[Literal["speckle", "spatial", "temporal"]] | None = Field(
+        None, description="filters of depth: these and none of the others; absent: the preset's"
+    )
+    stereo_confidence: int | None = Field(
+        None, ge=0, le=255, description="a match that costs more is left out; absent: the preset's"
+    )
     dot_projector: float = Field(
         0.8, ge=0, le=1, description="intensity while items are looked for, of a device that has one"
     )
@@ -65,6 +83,15 @@ class OakConfig(Strict):
         if self.source != "oak" and (path == self.source or not path.startswith("/")):
             raise ValueError(
                 f'source {self.source!r} is neither "oak" nor {FRAMES_SCHEME} with an absolute path'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _median_of_three_bits(self) -> Self:
+        if self.stereo_subpixel_bits != 3 and self.stereo_median not in (None, "off"):
+            raise ValueError(
+                "the device's median filter works on 3 subpixel bits: leave out stereo_median or "
+                "stereo_subpixel_bits"
             )
         return self
 

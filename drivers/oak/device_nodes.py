@@ -13,7 +13,7 @@ from drivers.oak.config import OakConfig
 from drivers.oak.lens import LensWatch
 from drivers.oak.shutter import row_time_s
 
-_STEREO_SIZE = (640, 400)
+_STEREO_WIDTH = {400: 640, 720: 1280, 800: 1280}  # of the sensors of OAK's pairs, by height
 _BYTES_A_PIXEL, _OF_DEPTH = 3, 2  # BGR888i, and 16 bit
 # What is left of 480 Mbit/s with USB's own overhead; an assumption on the safe side.
 _USB2_BYTES_S = 35e6
@@ -39,13 +39,13 @@ class ColourCamera:
 
 
 def open_device(config: OakConfig) -> Any:
-    """The OAK with the expected serial number, or any; ``DEVICE_UNREACHABLE`` when there is none."""
+    """The OAK at the address or with the expected serial number, or any; ``DEVICE_UNREACHABLE`` when there is
+    none."""
+    wanted = config.host or config.expect_serial
     try:
-        if config.expect_serial is None:
-            return dai.Device()
-        return dai.Device(dai.DeviceInfo(config.expect_serial))
+        return dai.Device() if wanted is None else dai.Device(dai.DeviceInfo(wanted))
     except RuntimeError as exc:
-        wanted = config.expect_serial or "any OAK"
+        wanted = wanted or "any OAK"
         raise error("DEVICE_UNREACHABLE", f"{wanted} was not found on USB or network: {exc}") from exc
 
 
@@ -92,14 +92,12 @@ def depth_nodes(pipeline: Any, device: Any, colour: Any, config: OakConfig) -> A
     pair = _pair_of(device) if config.depth else None
     if pair is None:
         return None
+    size = (_STEREO_WIDTH[config.stereo_height], config.stereo_height)
     left, right = (
-        pipeline.create(dai.node.Camera).build(s).requestOutput(_STEREO_SIZE, fps=config.fps) for s in pair
+        pipeline.create(dai.node.Camera).build(s).requestOutput(size, fps=config.fps) for s in pair
     )
     stereo = pipeline.create(dai.node.StereoDepth).build(left, right)
-    if config.stereo_preset is not None:
-        stereo.setDefaultProfilePreset(getattr(dai.node.StereoDepth.PresetMode, config.stereo_preset.upper()))
-    stereo.setLeftRightCheck(True)
-    stereo.setSubpixel(True)
+    _match(stereo, config)
     if device.getPlatform() == dai.Platform.RVC4:
         align = pipeline.create(dai.node.ImageAlign)
         stereo.depth.link(align.input)
@@ -108,6 +106,27 @@ def depth_nodes(pipeline: Any, device: Any, colour: Any, config: OakConfig) -> A
     stereo.setOutputSize(config.width, config.height)
     colour.link(stereo.inputAlignTo)
     return stereo.depth
+
+
+def _match(stereo: Any, config: OakConfig) -> None:
+    """How pictures are matched: a preset first, as it would overwrite what is chosen beside it."""
+    if config.stereo_preset is not None:
+        stereo.setDefaultProfilePreset(getattr(dai.node.StereoDepth.PresetMode, config.stereo_preset.upper()))
+    stereo.setLeftRightCheck(True)
+    stereo.setSubpixel(True)
+    stereo.setSubpixelFractionalBits(config.stereo_subpixel_bits)
+    chosen, kinds = stereo.initialConfig, dai.StereoDepthConfig.MedianFilter
+    # The device has the median for three bits alone, and some presets ask for it.
+    median = "off" if config.stereo_subpixel_bits != 3 else config.stereo_median
+    if median is not None:
+        chosen.setMedianFilter(kinds.MEDIAN_OFF if median == "off" else getattr(kinds, f"KERNEL_{median}"))
+    if config.stereo_confidence is not None:
+        chosen.setConfidenceThreshold(config.stereo_confidence)
+    if config.stereo_filters is not None:
+        after = chosen.postProcessing
+        after.speckleFilter.enable = "speckle" in config.stereo_filters
+        after.spatialFilter.enable = "spatial" in config.stereo_filters
+        after.temporalFilter.enable = "temporal" in config.stereo_filters
 
 
 def _pair_of(device: Any) -> tuple[Any, Any] | None:

@@ -57,6 +57,14 @@ def test_the_networks_are_those_of_the_addresses(tmp_path: Path) -> None:
     assert "IPAddressAllow=\nIPAddressAllow=localhost 10.0.5.0/24 10.7.0.0/16\n" in drop_in(subnets(config))
 
 
+def test_the_network_of_a_camera_is_that_of_its_address(tmp_path: Path) -> None:
+    camera = 'source = "oak"                            # or => host = "169.254.1.222"  # or'
+    assert list(map(str, subnets(config_with(tmp_path, camera=camera)))) == [
+        "169.254.1.0/24",
+        "192.168.10.0/24",
+    ]
+
+
 def test_what_has_no_address_is_asked_for(tmp_path: Path) -> None:
     named = config_with(tmp_path, arm='host = "192.168.10.20" => host = "robot-3"')
     with pytest.raises(CellError, match=r"device\.arm\.host = 'robot-3' is a name"):

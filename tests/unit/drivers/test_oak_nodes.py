@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
+from drivers.oak.config import OakConfig
 from tests.kit.depthai_child import answers
 
 SCRIPT = """
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, patch
 import depthai as dai
 from drivers.oak.config import OakConfig
 from cell.errors import CellError
-from drivers.oak.device_nodes import check_usb, colour_camera, depth_nodes
+from drivers.oak.device_nodes import check_usb, colour_camera, depth_nodes, open_device
 
 def answer(cameras, platform="RVC2", **has):
     made = []
@@ -22,6 +23,8 @@ def answer(cameras, platform="RVC2", **has):
         node = MagicMock(spec=kind, name=kind.__name__)
         if hasattr(kind, "build"):
             node.build.return_value = node
+        if kind is dai.node.StereoDepth:
+            node.initialConfig = dai.StereoDepthConfig()
         made.append(node)
         return node
 
@@ -49,7 +52,11 @@ def answer(cameras, platform="RVC2", **has):
     made += [None] * (4 - len(made))
     camera, left, right, stereo = made[:4]
     focus = camera.initialControl.setManualFocus.call_args
+    with patch.object(dai, "Device") as opened:
+        open_device(config)
+    wanted = opened.call_args.args
     told = {
+        "opened": [wanted[0].name, wanted[0].deviceId] if wanted else None,
         "row_time_s": seen.row_time_s,
         "focus": focus and focus.args[0],
         "watched": seen.lens and seen.lens.wanted,
@@ -63,7 +70,14 @@ def answer(cameras, platform="RVC2", **has):
     if depth is None:
         return told
     align = made[4] if len(made) > 4 else None
+    chosen = stereo.initialConfig
+    after = chosen.postProcessing
     return told | {
+        "matched": [list(n.requestOutput.call_args.args[0]) for n in (left, right)],
+        "bits": stereo.setSubpixelFractionalBits.call_args.args[0],
+        "median": chosen.getMedianFilter().name,
+        "confidence": chosen.getConfidenceThreshold(),
+        "filters": [n for n in ("speckle", "spatial", "temporal") if getattr(after, n + "Filter").enable],
         "nodes": [getattr(n, "_spec_class", type(n)).__name__ for n in made],
         "sockets": [n.build.call_args.args[0].name for n in (camera, left, right)],
         "colour": [list(camera.requestOutput.call_args.args[0]), camera.requestOutput.call_args.args[1].name],
@@ -89,6 +103,18 @@ CASES: dict[str, dict[str, Any]] = {
     "fixed focus": {"cameras": OAK_D | {"CAM_A": "OV9782"}, "config": {"focus": 80}},
     "no stereo": {"cameras": {"CAM_A": "a new sensor"}, "usb": "HIGH"},
     "unwanted": {"cameras": OAK_D, "config": {"depth": False}},
+    "chosen": {
+        "cameras": OAK_D,
+        "config": {
+            "stereo_height": 800,
+            "stereo_median": "5x5",
+            "stereo_filters": ["speckle", "temporal"],
+            "stereo_confidence": 55,
+        },
+    },
+    "fine": {"cameras": OAK_D, "config": {"stereo_subpixel_bits": 5, "stereo_filters": []}},
+    "by serial": {"cameras": OAK_D, "config": {"expect_serial": "14442C10D13EABCE00"}},
+    "on a network": {"cameras": OAK_D, "config": {"host": "10.0.0.5", "expect_serial": "14442C10D13EABCE00"}},
 }
 Answers = dict[str, dict[str, Any]]
 
@@ -115,6 +141,24 @@ def test_depth_is_aligned_to_colour_in_the_way_of_each_platform(
     assert found[f"depth of {by}"]
     assert found["stereo into align"] == (by == "align")
     assert found["manual exposure"] is False
+
+
+def test_an_oak_is_opened_by_its_address_or_by_its_serial_number(answered: Answers) -> None:
+    assert answered["RVC2"]["opened"] is None
+    assert answered["by serial"]["opened"] == ["", "14442C10D13EABCE00"]
+    assert answered["on a network"]["opened"] == ["10.0.0.5", ""]
+
+
+def test_size_steps_and_filters_of_the_pair_are_those_of_the_configuration(answered: Answers) -> None:
+    usual, chosen, fine = answered["RVC2"], answered["chosen"], answered["fine"]
+    assert (usual["matched"], usual["bits"]) == ([[640, 400]] * 2, 3)
+    assert chosen["matched"] == [[1280, 800]] * 2
+    assert (chosen["median"], chosen["confidence"]) == ("KERNEL_5x5", 55)
+    assert chosen["filters"] == ["speckle", "temporal"]
+    # With more than three bits the device has no median filter.
+    assert (fine["bits"], fine["median"], fine["filters"]) == (5, "MEDIAN_OFF", [])
+    with pytest.raises(ValueError, match="works on 3 subpixel bits"):
+        OakConfig(stereo_subpixel_bits=4, stereo_median="7x7")  # type: ignore[call-arg]
 
 
 def test_a_fixed_exposure_is_set_in_microseconds(answered: Answers) -> None:
