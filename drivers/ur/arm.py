@@ -8,6 +8,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, StartsPrograms, ToolSettings
 from cell.errors import CellError, error
+from cell.following import FULL_SPEED
 from cell.own_delay import busy_words
 from cell.poses import Array
 from cell.samples import Stream
@@ -224,14 +225,15 @@ class UrArm(SampledDevice):
             told.closed()
 
     async def doubts(self) -> list[str]:
-        """What only a probe looks for: registers that a PLC on the controller's fieldbus holds, and joint
-        limits that cannot be any."""
+        """What only a probe looks for: registers that a PLC on the controller's fieldbus holds, joint limits
+        that cannot be any, and a speed slider below full speed."""
         config = self._config
         names = await registers_in_use(config.host, self._clock, config.connect_timeout_s)
         limits = None if self._primary is None else self._primary.joint_limits
         return [
             *([registers_warning(self.name, names)] if names else []),
             *(limits.doubts if limits is not None else ()),
+            *_slider_doubts(self.name, self.feed.speed_fraction),
         ]
 
     async def stop_program(self) -> None:
@@ -370,3 +372,13 @@ async def _read_for(sock: socket.socket, seconds: float) -> None:
                 pass
     except TimeoutError:
         return
+
+
+def _slider_doubts(arm: str, fraction: float) -> list[str]:
+    """What waits for whoever starts a job below full speed."""
+    if fraction >= FULL_SPEED:
+        return []
+    return [
+        f"{arm}: the speed slider stands at {100 * fraction:.0f} %. Jobs that follow a belt end with"
+        " ARM_SPEED_SCALED below full speed, and all other moves take longer. Set it to 100 % on the pendant"
+    ]

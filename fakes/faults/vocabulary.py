@@ -62,6 +62,7 @@ class Fault(StrEnum):
     SCRIPT_DEATH = "script-death"
     LATE_FIRST_PACKAGE = "late-first-package"
     SLOW_DASHBOARD = "slow-dashboard"
+    SPEED_SLIDER = "speed-slider"  # somebody slides the pendant's speed to a fraction of full speed
     # tracker
     BEAM_BREAK = "beam-break"  # something stands between it and the reflectors
     OUT_OF_VIEW = "out-of-view"  # reflectors face somewhere else

@@ -106,6 +106,11 @@ class ControllerFaults:
                 lambda: self._controller.rtde.ownership.release(self),
                 frozenset({"name"}),
             ),
+            Fault.SPEED_SLIDER: Action(
+                lambda a: robot.slide(number(a, "fraction", 0.5)),
+                lambda: robot.slide(1.0),
+                frozenset({"fraction"}),
+            ),
             Fault.SCRIPT_DEATH: Action(lambda a: self._script_death()),
             Fault.REBOOT: Action(self._reboot, takes=frozenset({"off_s", "serial"})),
             Fault.KILL: Action(lambda a: os.kill(os.getpid(), signal.SIGKILL)),

@@ -203,6 +203,10 @@ class Robot:
         """The share of full speed at which the controller runs: the slider's, and less at a joint's limit."""
         return self.io.speed_fraction * self.arm.limiting
 
+    def slide(self, fraction: float) -> None:
+        """Somebody sets the speed slider."""
+        self.io.speed_fraction = min(max(fraction, 0.0), 1.0)
+
     @property
     def robot_status_bits(self) -> int:
         playing = self.runtime.program is not None

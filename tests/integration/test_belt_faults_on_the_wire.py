@@ -255,6 +255,13 @@ def test_a_belt_that_stands_for_seconds_suspends_the_run_at_rest_and_is_picked_f
     assert subject.told(run_id).outcomes[Outcome.PICKED] == 3
 
 
+def test_a_speed_slider_at_half_in_mid_follow_ends_the_run_at_rest(subject: Picking) -> None:
+    run_id = subject.follow()
+    subject.cell.inject("arm", "speed-slider", fraction=0.5)
+    subject.ends_by(run_id, "ARM_SPEED_SCALED")
+    subject.repaired("arm")
+
+
 def test_nothing_moves_after_a_protective_stop_in_mid_follow_until_reset_and_start(subject: Picking) -> None:
     run_id = subject.follow()
     subject.cell.inject("arm", "protective-stop")

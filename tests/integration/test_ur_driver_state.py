@@ -371,3 +371,18 @@ def test_registers_that_somebody_else_holds_are_named_and_left_alone(rig: Rig) -
             assert await subject.doubts() == []
 
     rig.play(work)
+
+
+def test_a_probe_tells_of_a_speed_slider_below_full_speed(rig: Rig) -> None:
+    async def work() -> None:
+        async with rig.connected() as subject:
+            await asyncio.to_thread(rig.inject, "speed-slider", fraction=0.5)
+            await until(lambda: subject.state.last().value.speed_scaling < 1.0)
+            (doubt,) = await subject.doubts()
+            assert "speed slider stands at 50 %" in doubt
+            assert "Set it to 100 %" in doubt
+            await asyncio.to_thread(rig.inject, "clear")
+            await until(lambda: subject.state.last().value.speed_scaling == 1.0)
+            assert await subject.doubts() == []
+
+    rig.play(work)
