@@ -32,7 +32,7 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from fakes.world.toml_text import to_toml
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
-from tests.kit.slot_cell import BUDGET, HAND_EYE_COV, SLOT, rack_of
+from tests.kit.slot_cell import BUDGET, HAND_EYE_COV, SLOT, lens_of, rack_of
 
 JOINTS = reference_joints(np.tile([-np.pi, np.pi], (6, 1)), power=8, seed=99)
 LEFT = 0.13  # of an arm's errors after a calibration: about 0.1 mm RMS
@@ -169,6 +169,7 @@ def calibrated(seed: int, folder: Path) -> Run:
             told = to_pose6(from_pose6(_six(X)) * exp_xi(draw.hand_eye))
             nominal = list(cell.config.robot.T_flange_camera_nominal or [])
             answer = {"T_flange_camera": told.tolist(), "cov": HAND_EYE_COV.tolist(), "budget": BUDGET}
+            answer["lens"] = lens_of(cell.plant.world.intrinsics) | {"rms_px": 0.1}
             _commit(cell, "T_flange_camera", told.tolist(), nominal, {"result": answer}, MODEL)
             return await _insertion(cell, draw, left)
 

@@ -56,11 +56,13 @@ def scenario(parts: int, seed: int) -> str:
 
 
 def give_hand_eye(cell: WireCell, seed: int) -> None:
-    """Commit a camera's pose that is off by a draw of its stated covariance; before the daemon starts."""
+    """Commit a lens, and a camera's pose off by a draw of its stated covariance; before the daemon starts."""
     config, rng = cell.config(), np.random.default_rng([seed, 0xE7E])
-    true = from_pose6(ask(cell.folder, {"do": "truth"})["T_flange_camera"])
+    truth = ask(cell.folder, {"do": "truth"})
+    true = from_pose6(truth["T_flange_camera"])
     told = to_pose6(true * exp_xi(rng.multivariate_normal(np.zeros(6), HAND_EYE_COV))).tolist()
     answer = {"T_flange_camera": told, "cov": HAND_EYE_COV.tolist(), "budget": BUDGET}
+    answer["lens"] = {key: truth["camera"][key] for key in ("width", "height", "K", "dist")} | {"rms_px": 0.1}
     state = Path(config["cell"]["state_dir"])
     state.mkdir(mode=0o700, parents=True, exist_ok=True)
     with closing(Ledger(state / "ledger.sqlite")) as ledger:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cell.poses import Array, exp_xi, to_pose6
+from cell.devices import Intrinsics
+from cell.poses import Array, exp_xi, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.world.rack.rack import Rack
 from tests.kit.object_cell import ObjectCell, on_disk, write_config
@@ -40,18 +41,25 @@ def scenario_with(folder: Path, old: str, new: str) -> str:
 def give_hand_eye(
     cell: ObjectCell, off: Sequence[float] = (0.0,) * 6, cov: Array = HAND_EYE_COV, **more: Any
 ) -> None:
-    """A calibration of the camera, ``off`` (6,) from the twin's own pose, with its stated covariance
-    and the board's size as configured; ``more`` is what else its answer says."""
-    true = cell.plant.world.T_mount_camera
+    """A calibration of the camera, ``off`` (6,) from the pose that serves the arm best, with its stated
+    covariance, the true lens, and the board's size as configured; ``more`` is what else its answer says."""
+    world = cell.plant.world
+    true = from_pose6(world.truth()["T_flange_camera"])
     T = [float(v) for v in to_pose6(true * exp_xi(np.asarray(off)))]
     nominal = list(cell.config.robot.T_flange_camera_nominal or [])
     size = {"x": 0.0, "y": 0.0, "sigma_x": 5e-5, "sigma_y": 5e-5}
-    answer = {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET, "target_scale": size, **more}
+    answer = {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET, "target_scale": size}
+    answer |= {"lens": lens_of(world.intrinsics) | {"rms_px": 0.1}, **more}
     inputs = {"target": next(iter(cell.config.target.values()), None)}
     result = {"schema": "cellward.result/1", "kind": "hand-eye", "verdict": "pass", "result": answer}
     result |= {"inputs": inputs}
     entry = on_disk(cell.ledger.propose, "T_flange_camera", T, result, 0, nominal)
     on_disk(cell.ledger.accept, entry, "test")
+
+
+def lens_of(lens: Intrinsics) -> dict[str, Any]:
+    """As an answer says it."""
+    return {"width": lens.width, "height": lens.height, "K": list(lens.K), "dist": list(lens.dist)}
 
 
 def rack_of(cell: ObjectCell) -> Rack:

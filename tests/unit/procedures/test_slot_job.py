@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.devices import Intrinsics
 from cell.poses import from_pose6
 from daemon.config import CellConfig
 from fakes.object import run_virtual
@@ -18,12 +17,22 @@ from procedures.slot.procedure import SlotInsertion
 from procedures.slot.truth import judge_slot
 from procedures.slot.words import slot_lines
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
-from tests.kit.slot_cell import HAND_EYE_COV, SLOT, beside, config, give_hand_eye, rack_of, scenario_with
+from tests.kit.slot_cell import (
+    HAND_EYE_COV,
+    SLOT,
+    beside,
+    config,
+    give_hand_eye,
+    lens_of,
+    rack_of,
+    scenario_with,
+)
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
 NEW_PART, OLD_PART = 0, 1  # at the feed, and in slot 2
+TOLERANCE_M = 0.003  # insertion.tolerance_m: of the travel, by what is known of the slot's depth
 
 
 class Ran:
@@ -70,19 +79,12 @@ def run_of(
     run_virtual(scene())
 
 
-def give_hand_eye_with_its_lens(cell: ObjectCell) -> None:
-    give_hand_eye(cell, lens={**lens_of(cell.plant.world.intrinsics), "rms_px": 0.1})
-
-
-def lens_of(lens: Intrinsics) -> dict[str, Any]:
-    return {"width": lens.width, "height": lens.height, "K": list(lens.K), "dist": list(lens.dist)}
-
-
 def test_a_part_is_fetched_measured_and_inserted_by_the_lens_that_belongs_to_the_hand_eye(
     tmp_path: Path,
 ) -> None:
-    told = "[world.camera.told]\nfocal = 0.003\ncentre_px = [4.0, -3.0]\n\n"
-    scenario = scenario_with(tmp_path, "[world.camera.stereo]", told + "[world.camera.stereo]")
+    told = "[world.camera.told]\nfocal = 0.003\ncentre_px = [4.0, -3.0]"
+    shipped = "[world.camera.told]\nfocal = 0.0027\ncentre_px = [-0.8, 0.0]"
+    scenario = scenario_with(tmp_path, shipped, told)
 
     def look(ran: Ran) -> None:
         assert ran.result is not None
@@ -91,7 +93,7 @@ def test_a_part_is_fetched_measured_and_inserted_by_the_lens_that_belongs_to_the
             "prepare", "fetch", "look", "measure", "align", "insert", "release", "retreat", "solve",
         ]  # fmt: skip
         assert ran.answer["states"] == ["none", "gripped", "inserted", "released"]
-        assert ran.answer["travel_m"] == pytest.approx(0.06, abs=0.001)
+        assert ran.answer["travel_m"] == pytest.approx(0.06, abs=TOLERANCE_M)
         assert (ran.in_slot(1), ran.held) == (NEW_PART, None)
         assert rack_of(ran.cell).on_face == []
         budget = ran.answer["budget"]
@@ -113,7 +115,14 @@ def test_a_part_is_fetched_measured_and_inserted_by_the_lens_that_belongs_to_the
         again = SlotInsertion.solve_again(ran.cell.folder(ran.run).path / "slot.json", {}, {})
         assert again.as_json()["result"] == ran.answer
 
-    run_of(config(tmp_path, scenario=scenario), look, give_hand_eye_with_its_lens)
+    run_of(config(tmp_path, scenario=scenario), look)
+
+
+def test_without_errors_of_arm_and_lens_the_travel_of_a_part_is_that_of_the_slot(tmp_path: Path) -> None:
+    def look(ran: Ran) -> None:
+        assert ran.answer["travel_m"] == pytest.approx(0.06, abs=0.0005)
+
+    run_of(config(tmp_path, scenario="slot:ideal"), look)
 
 
 def test_a_part_is_replaced_by_another(tmp_path: Path) -> None:
