@@ -26,15 +26,13 @@ from fakes.frames.faults import FrameFaults
 from fakes.frames.plates import make_plate
 from fakes.frames.rack_view import RackView
 from fakes.frames.render import Optics, Picture, Renderer
+from fakes.world.camera.autofocus import focal_share, lens_position
 from fakes.world.camera.exposure import Exposure, times_in
 from fakes.world.scenario import Scenario
 from fakes.world.world import Message, World
 
 # The world's changes come through a pipe; a scene is looked at when those up to its time have arrived.
 _MIRROR_LAG_S = 0.012
-# An autofocus at work: the focal lengths that ARKit tells differ by 0.27 % within one recording
-# (github.com/zju3dv/NeuralRecon issue 101); how fast, and over which positions, is an assumption.
-_BREATHES, _LENS_STEPS, _BREATH_S = 0.00135, 8, 7.0
 _JUNK = bytes(range(256)) * 64
 
 
@@ -174,22 +172,17 @@ class FrameServer:
 
     def _lens_position(self, t: float) -> int | None:
         """Of 255, as the camera tells it; a lens that cannot move has none."""
-        return 128 + round(_LENS_STEPS * self._breath(t)) if self._camera.autofocus else None
+        return lens_position(t) if self._camera.autofocus else None
 
     def _focused(self, picture: Picture, t: float) -> Picture:
         """The picture with the focal length that an autofocus has just now."""
         if not self._camera.autofocus:
             return picture
-        f, size = 1.0 + _BREATHES * self._breath(t), (self._camera.width, self._camera.height)
+        f, size = focal_share(t), (self._camera.width, self._camera.height)
         cx, cy = self._camera.K[2:]
         larger = np.array([[f, 0.0, (1.0 - f) * cx], [0.0, f, (1.0 - f) * cy]])
         colour = cv2.warpAffine(picture.colour, larger, size, borderMode=cv2.BORDER_REPLICATE)
         return replace(picture, colour=colour.astype(np.uint8, copy=False))
-
-    @staticmethod
-    def _breath(t: float) -> float:
-        """Where in its range the lens is, -1 to 1."""
-        return float(np.sin(2.0 * np.pi * t / _BREATH_S))
 
     def _picture(self, t: float, seq: int, exposure: Exposure) -> Picture:
         """What the camera sees; of a rack only while no board stands in the cell, which would cover it.

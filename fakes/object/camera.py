@@ -12,11 +12,12 @@ from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import DepthCamera, Frame, Identity
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
+from fakes.world.camera.autofocus import lens_position
 
 
 class ObjectCameraConfig(Strict):
@@ -45,13 +46,15 @@ class ObjectCamera(ObjectDevice):
         self.world = self._cell.world
         truth = self.world.camera
         self._exposure_s = truth.exposure().time_s
+        self._delay_s = self._exposure_s / 2.0 + truth.row_time_s * truth.height + truth.latency_s
+        self._lens_timer: asyncio.TimerHandle | None = None
         self.frames: LazyStream[Frame] = LazyStream(
             f"{name}.frames",
             clock,
             truth.period_s,
             self._expose,
             dt=self._exposure_s / 2.0,
-            delay_s=self._exposure_s / 2.0 + truth.row_time_s * truth.height + truth.latency_s,
+            delay_s=self._delay_s,
             keep=512,
         )
         self.stream = self.frames
@@ -62,6 +65,27 @@ class ObjectCamera(ObjectDevice):
         """Connect; ``DEVICE_UNREACHABLE`` while the camera refuses."""
         await super().open()
         self._cell.start()
+        if self.world.camera.autofocus:
+            self._watch_lens(self.clock.now())
+
+    def _watch_lens(self, first: float) -> None:
+        """The link ends with the first frame whose lens is elsewhere than at that of ``first``, as a driver
+        ends it that looks at every frame."""
+        held, moved = lens_position(first), first
+        while lens_position(moved) == held:
+            moved += self.frames.period_s
+        self._lens_timer = asyncio.get_running_loop().call_later(
+            moved - first + self._delay_s, self._tell_lens, held, lens_position(moved)
+        )
+
+    def _tell_lens(self, held: int, found: int) -> None:
+        self.lose(error("CAMERA_LENS_MOVED", f"the lens is at {found} of 255, and it was at {held}"))
+
+    def lose(self, why: CellError) -> None:
+        super().lose(why)
+        if self._lens_timer is not None:
+            self._lens_timer.cancel()
+            self._lens_timer = None
 
     async def identify(self) -> Identity:
         if self.lost is not None:

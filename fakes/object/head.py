@@ -1,6 +1,6 @@
 """The camera of the object face as a thing: what an exposure shows, and what can go wrong with it."""
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import cv2
@@ -17,6 +17,7 @@ from fakes.frames.plates import Image
 from fakes.frames.rack_view import RackView
 from fakes.object._plant import Plant
 from fakes.object.item_detection import Look, items_seen
+from fakes.world.camera.autofocus import focal_share
 from fakes.world.targets import faces_away, target_points
 from fakes.world.world import World
 
@@ -58,7 +59,7 @@ class CameraHead(Plant):
         if not self._is_seen(points, T.as_matrix()[:3, 2] * faces_away(target)):
             return None
         camera = self.world.camera
-        uv = self._project(points)
+        uv = self._project(points, t)
         rng = np.random.default_rng([self.world.config.seed, tick + 1, 0xCA])
         uv = uv + camera.noise_px * rng.standard_normal(uv.shape)
         # Detectors need a little of the picture around a corner.
@@ -76,7 +77,7 @@ class CameraHead(Plant):
         camera = self.world.camera
         told = self.world.told_intrinsics
         lens = calibrated_lens(spec.get("lens"), told) or told
-        look = Look(self._project, camera, lens, self.world.config.seed, tick + 1)
+        look = Look(partial(self._project, t=t), camera, lens, self.world.config.seed, tick + 1)
         return items_seen(self.world.items, self.world.scene(t).T_base_camera, t, spec, look)
 
     def pictures(self, t: float, tick: int) -> tuple[Image, NDArray[np.uint16]]:
@@ -97,11 +98,14 @@ class CameraHead(Plant):
         sight = points.mean(axis=0)
         return bool(into_target @ sight / np.linalg.norm(sight) > _STEEPEST)
 
-    def _project(self, points: Array) -> Array:
+    def _project(self, points: Array, t: float) -> Array:
         intrinsics = self.world.intrinsics
         dist = np.array(intrinsics.dist) if intrinsics.dist else None
         uv, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), intrinsics.matrix, dist)
         out: Array = uv.reshape(-1, 2)
+        if self.world.camera.autofocus:
+            centre = self.world.camera.K[2:]
+            out = centre + focal_share(t) * (out - centre)
         return out
 
     def _freeze(self, duration_s: float | None = None) -> None:

@@ -10,6 +10,10 @@ import pytest
 from cell.errors import CellError
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
 from fakes.world.targets import target_points
+from tests.kit.ideal_world import ideal_text
+from tests.kit.object_cell import no_report, open_cell, write_config
+
+__all__ = ["no_report"]
 
 HERE = Path(__file__).parent  # this face writes nothing there
 
@@ -201,3 +205,58 @@ def test_target_points_lie_as_the_formats_say(
 def test_an_unknown_target_type_is_named() -> None:
     with pytest.raises(CellError, match="hologram"):
         target_points({"type": "hologram"})
+
+
+def with_autofocus(folder: Path) -> str:
+    path = folder / "autofocus.toml"
+    path.write_text(
+        ideal_text("hand_eye").replace("period_s = 0.1\n", "period_s = 0.1\nautofocus = true\n"), "utf-8"
+    )
+    return str(path)
+
+
+def test_a_lens_that_an_autofocus_moves_ends_the_link_at_the_first_frame_that_shows_it(
+    tmp_path: Path,
+) -> None:
+    async def scene() -> None:
+        camera = ObjectCamera(
+            "camera", ObjectCamera.Config(scenario=with_autofocus(tmp_path)), VirtualClock()
+        )
+        await camera.open()
+        await camera.set_target(camera.world.target)
+        begin = camera.clock.now()
+        first = (await camera.capture(1, HERE, "x", begin))[0]
+        lost = await camera.wait_lost()
+        assert isinstance(lost, CellError)
+        assert lost.name == "CAMERA_LENS_MOVED"
+        assert camera.clock.now() - begin < 2.0, "of 7 s, in which it is in 17 places"
+        assert first.board is not None
+        await camera.open()  # and the next link stays as it finds the lens
+        assert camera.lost is None
+        await camera.close()
+        await camera.clock.sleep(3.0)
+
+    run_virtual(scene())
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_job_whose_camera_focuses_by_itself_ends_by_that_name(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with open_cell(write_config(tmp_path, with_autofocus(tmp_path))) as cell:
+            end = await cell.finished(await cell.start())
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "CAMERA_LENS_MOVED")
+
+    run_virtual(scene())
+
+
+def test_the_picture_breathes_with_the_lens(tmp_path: Path) -> None:
+    async def scene() -> None:
+        camera = ObjectCamera(
+            "camera", ObjectCamera.Config(scenario=with_autofocus(tmp_path)), VirtualClock()
+        )
+        board, K = camera.world.target, camera.world.camera.K
+        seen = [camera.head.view(7.0 * turn, 0, board) for turn in (0.25, 0.75)]  # both ends of its range
+        near, far = (np.linalg.norm(one.corners - K[2:], axis=1).mean() for one in seen if one is not None)
+        assert near / far == pytest.approx(1.0027, abs=5e-5)
+
+    run_virtual(scene())
