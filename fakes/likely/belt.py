@@ -6,14 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.known_cell import KnownBelt, KnownGripper
+from cell.usual_delays import ENCODER_JITTER_S, ENCODER_LATE_S
 
 SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against the arm's base: assumptions
 UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
 SPACING_M = 0.4
-JITTER_S = 0.0005  # of an encoder that looks at its shaft in a task of its own: an assumption
-# A frame with a position is 95 bits at most, 0.4 ms at 250 kbit/s, and before it an encoder takes a part of
-# its own cycle, of which manuals tell the shortest timer (1 ms) alone: an assumption.
-LATE_S = (0.0004, 0.0014)
 MOVES_S = (0.2, 0.6)  # of grippers with two fingers
 SERIAL = "999966001"
 
@@ -26,8 +23,8 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
     return {
         "belt": {
             "serial": SERIAL,
-            "jitter_s": JITTER_S,
-            "late_s": float(rng.spawn(1)[0].uniform(*LATE_S)),
+            "jitter_s": ENCODER_JITTER_S,
+            "late_s": float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)),
             "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),

@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.known_cell import KnownCamera
 from cell.poses import Array, from_pose6, to_pose6
+from cell.usual_delays import CAMERA
 from fakes.world.arm.kinematics import Chain
 
 WIDTH, HEIGHT, FOCAL_PX = 1280, 800, 800.0  # 77 degrees, the camera that predictions assume as well
@@ -27,10 +28,8 @@ PICTURE = {
     "row_time_s": 0.0167 / HEIGHT,
     "stamp_jitter_s": 0.0002,
 }
-# The clocks of camera and PC agree to 0.2 ms with USB and 0.5 ms with Ethernet, one standard deviation over
-# hours (Luxonis, depthai-python pull request 933). How much of that stays is not told: here the stamps of a
-# twin scatter by the first, and all are off by a draw of the second.
-STAMP_LATE_S = 0.0005
+# Luxonis' figures for the clocks of camera and PC do not tell how much of them stays: here the stamps of a
+# twin scatter by that of USB (``stamp_jitter_s``), and all are off by a draw of the size that jobs go by.
 # The OAK-D's pair by its data sheet, three subpixel bits; noise and holes are assumptions. Depth is within
 # 2 % of the distance (Luxonis), here two standard deviations of a draw.
 STEREO = {"focal_px": 440.0, "baseline_m": 0.075, "steps": 8, "noise_px": 0.1, "holes": 0.05}
@@ -61,7 +60,7 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
     # Drawn from a generator of its own, so that the places stay those of the seed.
     scale = 1.0 + STEREO_SCALE * float(rng.spawn(1)[0].standard_normal())
     camera["stereo"] = {**STEREO, "scale": scale}
-    camera["stamp_late_s"] = STAMP_LATE_S * float(rng.spawn(1)[0].standard_normal())
+    camera["stamp_late_s"] = CAMERA.sigma_s * float(rng.spawn(1)[0].standard_normal())
     return {
         "camera": camera,
         "target": dict(known.target),

@@ -19,24 +19,23 @@ from procedures.belt.contact_uncertainty import (
     DELAYS,
     NO_BELT,
     NO_CAMERA,
-    NO_DELAY,
     SIGHTINGS,
     ContactError,
     belt_sigmas,
 )
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S
+from procedures.belt.stamp_delays import CAMERA_ROLE, ENCODER_ROLE, MEASURE, StampDelays
 from procedures.report.numbers import K95
 from procedures.setup import Setup
 from procedures.words import mm
 
-_CAMERA_ROLE, _BELT_ROLE = "fixed_camera", "belt"
 _NOT_YET = "what the belt does meanwhile, how the arm follows, and its own accuracy"
 _SMEARED = "the smear of a camera that exposes by itself (exposure_s is not given)"
 
 
 def expected_contacts(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
-    """``contacts``: the 95 % (m) for each speed of the belt, with its parts and what is ``without``; the
-    ``text`` of it, and ``cautions`` where it is beyond ``following_limit_m``."""
+    """``contacts``: the 95 % (m) for each speed of the belt, with its parts, what is ``assumed`` and what is
+    ``without``; the ``text`` of it, and ``cautions`` where it is beyond ``following_limit_m``."""
     try:
         known = _Known(setup, job)
     except CellError:  # a ledger that cannot be read is told of elsewhere
@@ -46,11 +45,19 @@ def expected_contacts(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     limit, sightings = job.following_limit_m, f"{job.min_sightings} sightings of {mm(CAMERA_SIGMA, 1)}"
     return {
         "contacts": [{"speed_m_s": v, **found.as_dict()} for v, found in rows],
+        "assumed": known.assumed,
         "without": known.without,
         "text": f"95 of 100 contacts within {figures} by {sightings} each, as of a camera that nobody has "
-        f"watched yet, and what calibrations state; not in it: {'; '.join(known.without)}",
+        f"watched yet, and what calibrations state{_assumed(known)}; not in it: {'; '.join(known.without)}",
         "cautions": list(_beyond(rows, limit)),
     }
+
+
+def _assumed(known: "_Known") -> str:
+    if not known.assumed:
+        return ""
+    measure = MEASURE.format(CAMERA_ROLE)
+    return f", and by an assumption {'; '.join(known.assumed)}, which {measure} measures"
 
 
 def _beyond(rows: list[tuple[float, ContactError]], limit_m: float) -> Iterator[str]:
@@ -73,17 +80,17 @@ class _Known:
         self._along, self._sightings = way / np.linalg.norm(way), job.min_sightings
         seen = _below_camera(setup, job)
         self._camera = None if seen is None else _camera(setup, job, seen)
-        of_belt = setup.stated(belt_scale(setup.roles[_BELT_ROLE]))
+        of_belt = setup.stated(belt_scale(setup.roles[ENCODER_ROLE]))
         self._scale, self._turn = belt_sigmas(of_belt, belt)
         middle = 0.5 * (job.zone.min_m + job.zone.max_m)
         self._moved = 0.0 if seen is None else middle - float(seen[:2] @ self._along)
-        delay = setup.stated(time_offset(setup.roles[_CAMERA_ROLE])).get("interval95_s")
-        self._delay_s = None if delay is None else 0.5 * (delay[1] - delay[0]) / K95
-        exposure = getattr(setup.devices.get(setup.roles[_CAMERA_ROLE]), "exposure_s", 0.0)
+        delays = StampDelays({role: _delay(setup, role) for role in (CAMERA_ROLE, ENCODER_ROLE)})
+        self._delays = delays
+        self.assumed = [] if delays.camera_measured else delays.assumed()[:1]  # an even speed asks no count
+        exposure = getattr(setup.devices.get(setup.roles[CAMERA_ROLE]), "exposure_s", 0.0)
         self.without = [
             *([NO_CAMERA] if self._camera is None else []),
             *([NO_BELT] if self._scale is None or seen is None else []),
-            *([NO_DELAY] if self._delay_s is None else []),
             *([_SMEARED] if exposure is None else []),
             _NOT_YET,
         ]
@@ -97,9 +104,14 @@ class _Known:
             parts[CAMERA] = self._camera
         if self._scale is not None and self._turn is not None:
             parts[BELT] = self._moved**2 * (self._scale**2 * along + self._turn**2 * across)
-        if self._delay_s is not None:
-            parts[DELAYS] = (self._delay_s * speed_m_s) ** 2 * along
+        parts[DELAYS] = self._delays.variance(speed_m_s, speed_m_s) * along
         return ContactError(parts)
+
+
+def _delay(setup: Setup, role: str) -> dict[str, float]:
+    """As of ``RunValues.time_offset_s``: the standard deviation of a delay that was measured."""
+    interval = setup.stated(time_offset(setup.roles[role])).get("interval95_s")
+    return {} if interval is None else {"sigma": 0.5 * (interval[1] - interval[0]) / K95}
 
 
 def _below_camera(setup: Setup, job: BeltTrackingConfig) -> Array | None:

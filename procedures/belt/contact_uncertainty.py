@@ -16,7 +16,7 @@ from cell.poses import Array
 from cell.run_values import RunValues
 from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
 from procedures.belt.camera_to_belt import CameraToBelt
-from procedures.belt.stamp_delays import delay_sigmas
+from procedures.belt.stamp_delays import StampDelays
 from procedures.hand_eye_in_use import arm_rms_m
 from procedures.report.numbers import K95, radius95
 
@@ -24,11 +24,10 @@ SIGHTINGS, MOTION, BELT, CAMERA = "sightings", "belt motion", "belt calibration"
 DELAYS, FOLLOWING, PLAN, ARM = "delays", "following", "plan", "arm"
 NO_CAMERA = "the camera's pose and lens, of which no covariance is known"
 NO_BELT = "scale and direction of the belt, which are configured and not calibrated"
-NO_DELAY = "the delay of the camera, which was not measured"
 _NEVER = (
     "how an item lies in the gripper and what the fingers do to it",
     "a belt that is not as high as belt_z_m says",
-    "a delay of the arm's own stamps",
+    "an error of row_time_s, where the shutter of the camera is a rolling one",
 )
 _SPEED_S = 0.01  # over which a speed of the past is taken
 
@@ -72,7 +71,7 @@ class ContactBudget:
         self._camera = camera_to_belt
         belt = next((name for name in values.versions if name.startswith("belt.")), "")
         self._scale, self._turn = belt_sigmas(values.uncertainty.get(belt, {}), values.belt)
-        self._camera_s, self._encoder_s = delay_sigmas(values.time_offset_s)
+        self.delays = StampDelays(values.time_offset_s)
         self._arm_m = arm_rms_m(values, CAMERA_POSE)
         self.camera_known = self.followed = True
 
@@ -96,13 +95,8 @@ class ContactBudget:
         camera = self._camera.left_open(seen)
         if camera is not None:
             parts[CAMERA] = camera
-        late = [
-            sigma * speed
-            for sigma, speed in ((self._camera_s, speeds[0]), (self._encoder_s, speeds[1] - speeds[0]))
-            if sigma is not None
-        ]
-        if late:
-            parts[DELAYS] = float(np.sum(np.square(late))) * along
+        self.delays.met(*speeds)
+        parts[DELAYS] = self.delays.variance(*speeds) * along
         if following is not None:
             parts[FOLLOWING] = following
         if self._arm_m is not None:
@@ -119,10 +113,6 @@ class ContactBudget:
             out.append(NO_CAMERA)
         if self._scale is None:
             out.append(NO_BELT)
-        if self._camera_s is None:
-            out.append(NO_DELAY)
-        if self._encoder_s is None:
-            out.append("the delay of the encoder, which was not measured")
         if not self.followed:
             out.append("how the arm follows its set-points, which no grip has shown")
         return [*out, *_NEVER]

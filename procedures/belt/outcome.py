@@ -20,7 +20,7 @@ from procedures.belt.result import (
     PlaceWaitTimes,
     Slip,
 )
-from procedures.belt.stamp_delays import camera_delay_95_s, delay_warnings
+from procedures.belt.stamp_delays import StampDelays
 from procedures.words import mm
 
 
@@ -73,7 +73,9 @@ def result_of(
     warnings += emergency_warnings(watch.emergencies.told)
     if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
-    warnings += delay_warnings(values.time_offset_s)
+    budget = following.contacts.budget
+    delays = StampDelays(values.time_offset_s) if budget is None else budget.delays
+    warnings += delays.warnings()
     camera = None if watch.record is None else watch.record.camera
     if camera is not None and camera["lens"] is None:
         text = (
@@ -106,10 +108,11 @@ def result_of(
             following_largest_m=following.largest_m if following.looks else None,
             contact_off_rms_m=following.contacts.rms_m,
             contact_off_largest_m=following.contacts.largest_m,
-            camera_delay_95_s=camera_delay_95_s(values.time_offset_s),
+            camera_delay_95_s=delays.camera_95_s,
             contact_95_m=None if stated is None else stated.r95_m,
             contact_95_largest_m=following.contacts.largest_95_m,
             contact_95_shares=None if stated is None else shares(stated),
+            contact_95_assumed=following.contacts.assumed,
             contact_95_without=following.contacts.not_covered,
             gripper_closing_s=gripper_times.closing_s,
             gripper_opening_s=gripper_times.opening_s,

@@ -242,6 +242,11 @@ class PickingAnswer(Part):
     contact_95_shares: dict[str, float] | None = Field(
         default=None, description="Share of each source in the mean square of that figure (1)."
     )
+    contact_95_assumed: list[str] | None = Field(
+        default=None,
+        description="In words, what that figure has by an assumption, as it was not measured: the delays of "
+        "stamps. Null in results of before these were assumed.",
+    )
     contact_95_without: list[str] | None = Field(
         default=None, description="In words, what may put a contact off and is not in that figure."
     )

@@ -52,6 +52,8 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"  95 of 100 contacts are within {mm(answer.contact_95_m)} by all that is known ({parts} of its "
             f"square); not in it: {'; '.join(answer.contact_95_without or [])}"
         )
+    if assumed := answer.contact_95_assumed:
+        lines.append(f"  in it by an assumption, as it was not measured: {'; '.join(assumed)}")
     if (known := answer.camera_delay_95_s) is not None:
         lines.append(
             f"  the delay of the camera is known to {1e3 * known:.2f} ms (95 %): all contacts may be "

@@ -76,3 +76,8 @@ class ContactCheck:
     def not_covered(self) -> list[str] | None:
         """What these figures leave out, in words; None without one."""
         return self.budget.not_covered() if self.budget is not None and self.stated else None
+
+    @property
+    def assumed(self) -> list[str] | None:
+        """What these figures have by an assumption, in words; None without a figure."""
+        return self.budget.delays.assumed() if self.budget is not None and self.stated else None

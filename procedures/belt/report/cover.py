@@ -59,7 +59,8 @@ def tracking_cover(source: BeltSource) -> Cover:
         figures.append(CoverFigure("delay of the camera, 95 %", f"{1e3 * known:.2f} ms"))
     if (stated := answer.contact_95_m) is not None:
         figures.append(judged("contacts off by all that is known, 95 %", stated, limit, mm))
-    return Cover(figures, [*(answer.contact_95_without or ()), _COUNTED])
+    assumed = [f"by an assumption, not measured: {what}" for what in answer.contact_95_assumed or ()]
+    return Cover(figures, [*assumed, *(answer.contact_95_without or ()), _COUNTED])
 
 
 def _percent(share: float | None) -> str:

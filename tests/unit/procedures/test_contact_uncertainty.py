@@ -67,13 +67,26 @@ def test_each_source_counts_by_what_its_calibration_states() -> None:
 
 
 def test_a_delay_of_the_encoder_counts_by_the_change_of_the_speed() -> None:
-    late = {**CALIBRATED, "time_offset_s": {"belt": {"sigma": 2e-3}}}
+    late = {**CALIBRATED, "time_offset_s": {"fixed_camera": {"sigma": 0.0}, "belt": {"sigma": 2e-3}}}
     even, slower = (
         budget(late).of(touch(item), np.zeros((3, 3)), None).parts["delays"][0, 0]
         for item in (track(), track(slower_s=2.3))
     )
     assert np.sqrt(even) < 1e-6
     assert np.sqrt(slower) == pytest.approx(2e-3 * 0.5 * V, rel=0.05)
+
+
+def test_a_delay_that_was_not_measured_widens_what_is_stated() -> None:
+    exact = {"fixed_camera": {"sigma": 0.0}, "belt": {"sigma": 0.0}}
+    known, unknown = (
+        budget({**CALIBRATED, "time_offset_s": offsets}).of(touch(track()), np.zeros((3, 3)), None)
+        for offsets in (exact, {})
+    )
+    assert np.sqrt(unknown.parts["delays"][0, 0]) == pytest.approx(
+        V * np.hypot(5e-4, 2e-3 / 3**0.5), rel=0.02
+    )
+    assert known.parts["delays"][0, 0] == 0.0
+    assert unknown.r95_m > known.r95_m
 
 
 def test_the_whole_is_larger_than_any_part_and_shares_add_up() -> None:
@@ -93,13 +106,13 @@ def test_the_whole_is_larger_than_any_part_and_shares_add_up() -> None:
 def test_what_was_not_measured_is_named() -> None:
     unknown = budget({"belt": CALIBRATED["belt"]})
     parts = unknown.of(touch(track()), np.zeros((3, 3)), None).parts
-    assert set(parts) == {"sightings", "belt motion", "plan"}
+    assert set(parts) == {"sightings", "belt motion", "plan", "delays"}
     told = "; ".join(unknown.not_covered())
     for word in (
         "arm's own accuracy",
         "pose and lens",
         "scale and direction",
-        "the camera, which was",
+        "row_time_s",
         "gripper",
     ):
         assert word in told, word
