@@ -13,6 +13,9 @@ def demo(
     fast: Annotated[
         bool, typer.Option("--fast", help="In one process on a virtual clock, without any protocol.")
     ] = False,
+    ideal: Annotated[
+        bool, typer.Option("--ideal", help="With --fast: in ideal worlds, kinder than any cell.")
+    ] = False,
     output: Annotated[Path, typer.Option("--out", help="Folder for the demo's files.")] = Path("demo-out"),
 ) -> None:
     """Start a twin and the daemon, run the jobs by a Modbus trigger, show the results beside the truth."""
@@ -23,7 +26,9 @@ def demo(
     if fast:
         from daemon.demo.fast import run_fast
 
-        raise typer.Exit(run_fast(output.absolute(), steps_of(job or ())))
+        raise typer.Exit(run_fast(output.absolute(), steps_of(job or ()), ideal))
+    if ideal:
+        raise error("ARGUMENT_INVALID", "--ideal needs --fast: the demo on real protocols shows both worlds")
     from daemon.demo.wire import run_wire
 
     raise typer.Exit(run_wire(output.absolute(), steps_of(job or ())))

@@ -1,4 +1,5 @@
-"""The steps of the demo that run on objects, in a process of their own beside those on real protocols."""
+"""What of the demo runs on objects, in processes of their own beside the steps on real protocols: the steps
+that have no protocol, and all of them once more in ideal worlds."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,17 +17,19 @@ from daemon.demo.scenes import scenes_of
 from daemon.demo.steps import Step
 from daemon.report_index import CellState
 
-FOLDER, LOG = "objects", "objects.log"
-NICE = 10  # twin and daemon come first, while there are any
+FOLDER, IDEAL_FOLDER = "objects", "ideal"
+NICE, NICE_IDEAL = 10, 15  # twin and daemon come first, while there are any
 LONGEST_S = 600.0
 
 
 class ObjectSteps:
-    """Those of ``steps`` that are objects, with their files in a folder of their own in ``folder``."""
+    """These steps on objects, with their files in a folder of their own in ``folder``; on request in ideal
+    worlds."""
 
-    def __init__(self, folder: Path, steps: Sequence[Step]) -> None:
-        self.folder, self._log = folder / FOLDER, folder / LOG
-        self.steps = [step for step in steps if step.objects]
+    def __init__(self, folder: Path, steps: Sequence[Step], ideal: bool = False) -> None:
+        name = IDEAL_FOLDER if ideal else FOLDER
+        self.folder, self._log = folder / name, folder / f"{name}.log"
+        self.steps, self._ideal = list(steps), ideal
         self._child: Child | None = None
 
     @contextmanager
@@ -36,12 +39,14 @@ class ObjectSteps:
             yield
             return
         shown = [scene.steps[-1].job for scene in scenes_of(self.steps)]
-        jobs = [word for job in shown for word in ("--job", job)]
-        command = [str(console_script("cellward")), "demo", "--fast", "--out", str(self.folder), *jobs]
+        words = ["--ideal"] * self._ideal + [word for job in shown for word in ("--job", job)]
+        command = [str(console_script("cellward")), "demo", "--fast", "--out", str(self.folder), *words]
         with disk_errors(self.folder):
             (self.folder / ROWS_FILE).unlink(missing_ok=True)
-        say(f"Beside it on virtual devices and a virtual clock: {', '.join(shown)}; see {self._log}")
-        with Child("demo on objects", command, self._log, NICE) as self._child:
+        what = "all of it in ideal worlds" if self._ideal else ", ".join(shown)
+        say(f"Beside it on virtual devices and a virtual clock: {what}; see {self._log}")
+        nice = NICE_IDEAL if self._ideal else NICE
+        with Child(f"demo on {self.folder.name}", command, self._log, nice) as self._child:
             yield
 
     def rows(self) -> list[Row]:

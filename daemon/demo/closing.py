@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cell.errors import CellError
@@ -17,7 +17,7 @@ from procedures.words import table
 class Row:
     """One line of the closing table; ``code`` is what the step makes of the demo's exit code.
 
-    ``twin`` is where it ran, on objects where it is ``virtual``.
+    ``twin`` is where it ran, on objects where it is ``virtual``; ``ideal`` is ``off`` in its ideal world.
     """
 
     job: str
@@ -27,6 +27,7 @@ class Row:
     code: int
     twin: str = ""
     virtual: bool = False
+    ideal: str = ""
 
 
 def close_demo(rows: Sequence[Row], twins: Sequence[CellState], folder: Path) -> int:
@@ -43,10 +44,29 @@ def close_demo(rows: Sequence[Row], twins: Sequence[CellState], folder: Path) ->
 def closing_table(rows: Sequence[Row]) -> int:
     """Print what each step came to; the exit code that this makes."""
     times = Counter(row.job for row in rows)
-    lines = [(_named(row, times[row.job] > 1), row.stated, row.off, row.verdict) for row in rows]
+    head = ["job", "stated by the job", "off the twin's truth", "off it in an ideal world", "verdict"]
+    lines = [[_named(row, times[row.job] > 1), row.stated, row.off, row.ideal, row.verdict] for row in rows]
+    if not any(row.ideal for row in rows):
+        head, *lines = [line[:3] + line[4:] for line in (head, *lines)]
     out("")
-    out(table(("job", "stated by the job", "off the twin's truth", "verdict"), lines))
+    out(table(head, lines))
     return max((row.code for row in rows), default=0)
+
+
+def beside_ideal(rows: Sequence[Row], ideal: Sequence[Row]) -> list[Row]:
+    """``rows`` with what became of each in the ``ideal`` world of its twin; one that was not good there is no
+    good row either."""
+    of = {(row.job, row.twin): list[Row]() for row in ideal}
+    for row in ideal:
+        of[row.job, row.twin].append(row)
+    joined = []
+    for row in rows:
+        if there := of.get((row.job, row.twin)):
+            kind = there.pop(0)
+            told = f"{kind.off}: {kind.verdict}" if kind.code else kind.off
+            row = replace(row, ideal=told, code=max(row.code, kind.code))
+        joined.append(row)
+    return joined
 
 
 def _named(row: Row, several: bool) -> str:

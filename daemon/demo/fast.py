@@ -7,6 +7,7 @@ them. The clock's module offers ``run_virtual``, which runs a coroutine on the l
 import asyncio
 import importlib
 import logging
+import re
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -50,15 +51,17 @@ STATE = "fast-state"  # as in fast_*.toml
 ROWS_FILE = "rows.json"  # what each step came to, for the demo that this one runs beside
 
 
-def run_fast(folder: Path, steps: Sequence[Step]) -> int:
-    """Run the demo with its files in ``folder``; the exit code is that of the full one."""
+def run_fast(folder: Path, steps: Sequence[Step], ideal: bool = False) -> int:
+    """Run the demo with its files in ``folder``, perhaps in ideal worlds; exit code as of the full one."""
     out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA three minutes.")
+    if ideal:
+        out("The worlds are ideal ones, kinder than any cell.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
     scenes = scenes_of(steps)
     rows: list[Row] = []
     for scene in scenes:
         try:
-            rows += [replace(row, twin=scene.twin) for row in _play(scene, folder / scene.twin)]
+            rows += [replace(row, twin=scene.twin) for row in _play(scene, folder / scene.twin, ideal)]
         except CellError as failure:
             say(f"{failure}. {failure.hint}")
             why = f"not done: {failure}"
@@ -67,11 +70,11 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     return close_demo(rows, [CellState(s.twin, folder / s.twin / STATE) for s in scenes], folder)
 
 
-def _play(scene: DemoScene, folder: Path) -> list[Row]:
+def _play(scene: DemoScene, folder: Path, ideal: bool) -> list[Row]:
     begin_in(folder, STATE, "demo")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     scene.prepare(folder)
-    config = load_config(write_config(scene, folder))
+    config = load_config(write_config(scene, folder, ideal))
     began = time.monotonic()
     played = [step for step in scene.steps if not step.compares]
     runs, seconds = run_objects(config, played)
@@ -95,9 +98,11 @@ def run_objects(config: CellConfig, steps: Sequence[Step]) -> tuple[list[tuple[i
     return done
 
 
-def write_config(scene: DemoScene, folder: Path) -> Path:
+def write_config(scene: DemoScene, folder: Path, ideal: bool = False) -> Path:
     """The configuration of a scene's cell of objects, in ``folder``."""
     text = files("daemon.demo").joinpath(f"fast_{scene.twin}.toml").read_text("utf-8")
+    if ideal:
+        text = re.sub(r'^(scenario = "[^"]*)"$', r'\1:ideal"', text, flags=re.MULTILINE)
     path = folder / "fast.toml"
     path.write_text(text.replace("@FOLDER@", str(folder)), "utf-8")
     return path

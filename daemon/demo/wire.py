@@ -25,7 +25,7 @@ from daemon.demo import plc as registers
 from daemon.demo.beside import ObjectSteps
 from daemon.demo.can_node import GATEWAY_PORT, PlcOnCan, share_encoders_bus
 from daemon.demo.children import Child, console_script
-from daemon.demo.closing import Row, close_demo
+from daemon.demo.closing import Row, beside_ideal, close_demo
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.page import DemoPage
@@ -63,15 +63,17 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
         out("Cellward demo on virtual devices and a virtual clock: there is no protocol and no page.")
     say(f"It shows: {shown}.")
     rows: list[Row] = []
-    objects = ObjectSteps(folder, steps)
+    objects = ObjectSteps(folder, [step for step in steps if step.objects])
+    ideal = ObjectSteps(folder, steps, ideal=True)
     scenes = scenes_of([step for step in steps if not step.objects])
     with _interrupted_once():
         say(f"Files and logs go to {folder}")
         with disk_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        with objects.begun():
+        with objects.begun(), ideal.begun():
             rows += _all(scenes, folder, page)
             rows += objects.rows()
+            rows = beside_ideal(rows, ideal.rows())
     twins = [CellState(scene.twin, folder / scene.twin / STATE) for scene in scenes]
     return close_demo(rows, [*twins, *objects.cells()], folder)
 

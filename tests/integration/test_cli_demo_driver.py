@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daemon.demo import wire
+from daemon.demo import beside, wire
 from daemon.demo.steps import CONE_CAPTURE
 from daemon.demo.wire import run_wire as run_steps
 
@@ -22,6 +22,10 @@ STAND_INS = {
     "cellward-twin": Path(__file__).with_name("demo_twin_stand_in.py"),
     "cellward": Path(__file__).with_name("demo_daemon_stand_in.py"),
 }
+NOTHING_BESIDE = """#!/bin/sh
+while [ "$1" != --out ]; do shift; done
+mkdir -p "$2" && echo "[]" > "$2/rows.json"
+"""
 TRUTH = {"T_flange_camera": [0.006, -0.0864, 0.0548, 0.0, 0.0, 0.0]}
 pytestmark = pytest.mark.wire
 
@@ -39,6 +43,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{stand_in}" "$@"\n')
         script.chmod(0o755)
     monkeypatch.setattr(wire, "console_script", lambda name: tmp_path / "bin" / name)
+    nothing = tmp_path / "bin" / "nothing"
+    nothing.write_text(NOTHING_BESIDE)
+    nothing.chmod(0o755)
+    monkeypatch.setattr(beside, "console_script", lambda name: nothing)
     demo = tmp_path / "out" / CONE_CAPTURE.twin
     demo.mkdir(parents=True)
     with socket.socket() as free:

@@ -302,6 +302,10 @@ def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: DemoScene, 
     load_config(tmp_path / "fast.toml")
     if scenario.world.observed is not None:
         assert read_json(tmp_path / OBSERVED_MODEL) == scenario.world.observed.robot
+    kind = tomllib.loads(write_config(scene, tmp_path, ideal=True).read_text("utf-8"))
+    for section in subject["device"].values():
+        section["scenario"] += ":ideal"
+    assert kind == subject
 
 
 def test_the_stored_set_is_of_the_arm_and_the_monuments_of_the_demo(tmp_path: Path) -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from daemon.demo.beside import FOLDER, ObjectSteps
-from daemon.demo.closing import Row, closing_table
-from daemon.demo.steps import BELT_TRACKING, STEPS, steps_of
+from daemon.demo.beside import FOLDER, IDEAL_FOLDER, ObjectSteps
+from daemon.demo.closing import Row, beside_ideal, closing_table
+from daemon.demo.steps import BELT_TRACKING, STEPS
 
 STEPS_OF_SLOT = STEPS["slot-insertion"]
 ROW = '{"job": "slot-insertion", "stated": "0.4 mm", "off": "0.1 mm", "verdict": "pass", "code": 0}'
@@ -31,13 +31,15 @@ def test_its_rows_say_that_they_are_virtual(
 ) -> None:
     out = tmp_path / FOLDER
     script(command, f"echo \"$@\"; mkdir -p {out}; echo '[{ROW}]' > {out}/rows.json")
-    subject = ObjectSteps(tmp_path, [BELT_TRACKING, *STEPS_OF_SLOT])
+    subject = ObjectSteps(tmp_path, STEPS_OF_SLOT)
     with subject.begun():
         (row,) = subject.rows()
     assert (row.job, row.off, row.code) == ("slot-insertion", "0.1 mm", 0)
     assert closing_table([row]) == 0
     assert "slot-insertion (virtual)" in capsys.readouterr().out
-    assert "--fast" in (tmp_path / "objects.log").read_text()
+    words = (tmp_path / "objects.log").read_text()
+    assert "--fast" in words
+    assert "--ideal" not in words
     assert [cell.name for cell in subject.cells()] == ["rack"]
 
 
@@ -68,8 +70,32 @@ def test_rows_of_one_job_say_in_which_twin_they_ran(capsys: pytest.CaptureFixtur
     assert first == ["job", "cone-capture (workshop)", "cone-capture (rack, virtual)", "laser-check"]
 
 
+def test_ideal_worlds_have_a_process_and_a_folder_of_their_own(tmp_path: Path, command: Path) -> None:
+    out = tmp_path / IDEAL_FOLDER
+    script(command, f"echo \"$@\"; mkdir -p {out}; echo '[{ROW}]' > {out}/rows.json")
+    subject = ObjectSteps(tmp_path, [BELT_TRACKING, *STEPS_OF_SLOT], ideal=True)
+    with subject.begun():
+        (row,) = subject.rows()
+    assert row.off == "0.1 mm"
+    words = (tmp_path / "ideal.log").read_text()
+    assert all(word in words for word in ("--ideal", "--job belt-tracking", "--job slot-insertion"))
+
+
+def test_each_row_has_what_became_of_it_in_an_ideal_world(capsys: pytest.CaptureFixture[str]) -> None:
+    capture = Row("cone-capture", "0.4 mm", "0.1 mm", "pass", 0, "workshop")
+    delays = [Row("latency-calibration", "1 ms", f"0.{k} ms", "pass", 0, "delays") for k in (1, 2)]
+    lost = Row("belt-tracking", "-", "-", "not done: no core", 4, "picking")
+    kind = [replace(row, off=f"{row.off} there") for row in delays]
+    worse = replace(capture, off="2 mm", verdict="fail", code=1)
+    rows = beside_ideal([capture, *delays, lost], [*kind, worse])
+    assert [row.ideal for row in rows] == ["2 mm: fail", "0.1 ms there", "0.2 ms there", ""]
+    assert [row.code for row in rows] == [1, 0, 0, 4]
+    assert closing_table(rows) == 4
+    assert "off it in an ideal world" in capsys.readouterr().out
+
+
 def test_without_such_steps_nothing_is_started(tmp_path: Path, command: Path) -> None:
-    subject = ObjectSteps(tmp_path, steps_of(["belt-tracking"]))
+    subject = ObjectSteps(tmp_path, [])
     with subject.begun():
         assert subject.rows() == []
     assert list(tmp_path.iterdir()) == []
