@@ -12,6 +12,31 @@ Pose = Sequence[float]
 
 
 @dataclass(frozen=True)
+class KnownLens:
+    """``K`` = fx, fy, cx, cy in pixels, and ``dist`` in OpenCV's order."""
+
+    K: Sequence[float]
+    dist: Sequence[float]
+
+
+@dataclass(frozen=True)
+class KnownPictures:
+    """What a camera's section asks of it: ``width`` and ``height`` in pixels, ``fps`` pictures a second.
+
+    ``exposure_s``: fixed, None: automatic. ``row_time_s``: from row to row, None: by the sensor. ``depth``:
+    with a stereo pair. ``lens``: as a calibration of pictures of this size found it, None: none has.
+    """
+
+    width: int = 1280
+    height: int = 800
+    fps: float = 10.0
+    exposure_s: float | None = 0.008
+    row_time_s: float | None = None
+    depth: bool = True
+    lens: KnownLens | None = None
+
+
+@dataclass(frozen=True)
 class KnownCamera:
     """A camera, and the target that it is calibrated with.
 
@@ -32,6 +57,7 @@ class KnownCamera:
     target_sigma_r_rad: float | None = None
     scale_sigma: float = 0.002
     flatness_m: float = 0.0002
+    pictures: KnownPictures = KnownPictures()
 
 
 @dataclass(frozen=True)
@@ -51,11 +77,17 @@ class KnownBeam:
 
 @dataclass(frozen=True)
 class KnownBeams:
-    """Crossed beams by the name of their input; the search goes down by ``reach_m`` at most."""
+    """Crossed beams by the name of their input; the search goes down by ``reach_m`` at most.
+
+    ``filter_s`` is that of the module that reads them, None where no section tells it; with ``counters`` it
+    counts edges, and they are read.
+    """
 
     beams: Mapping[str, KnownBeam]
     pin_radius_m: float
     reach_m: float
+    filter_s: float | None = None
+    counters: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,6 +121,7 @@ class KnownTracker:
     section states it: ``sigma0_m``, and ``sigma_per_m`` of range.
 
     ``one_by_one``: each reading is a distance that is measured by itself, which takes a station seconds.
+    ``rate_hz``: so often is it asked for readings; None: it sends them by itself.
     """
 
     T_base_tracker: Pose
@@ -96,6 +129,7 @@ class KnownTracker:
     sigma0_m: float
     sigma_per_m: float
     one_by_one: bool = False
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +137,8 @@ class KnownBelt:
     """A belt with its encoder: direction (unit, base), scale, height of its surface, and a point above it.
 
     ``above`` (3,) is in the base; items come through below it. They are between the two heights.
+    ``period_s``: between two positions of the encoder; ``range_counts``: its count goes back to 0 there, None
+    where no section tells it.
     """
 
     m_per_count: float
@@ -111,18 +147,22 @@ class KnownBelt:
     above: Sequence[float]
     speed_m_s: float
     item_heights_m: tuple[float, float]
+    period_s: float = 0.005
+    range_counts: int | None = None
 
 
 @dataclass(frozen=True)
 class KnownGripper:
     """A gripper on digital outputs of the arm; ``confirm`` is an input, None when there is none.
 
-    ``place_clear`` is the input that tells whether the place is clear where it puts items down.
+    ``place_clear`` is the input that tells whether the place is clear where it puts items down. ``moves_s``:
+    it has closed, or opened, within so long as its section says, None where it says nothing.
     """
 
     output: int
     confirm: int | None
     place_clear: str | None = None
+    moves_s: float | None = None
 
 
 @dataclass(frozen=True)

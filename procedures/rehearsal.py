@@ -1,7 +1,7 @@
 """What a job needs of a cell before it can be rehearsed on a twin, and what people do meanwhile."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cell.errors import CellError, error
@@ -10,13 +10,16 @@ from cell.known_cell import (
     KnownBelt,
     KnownCamera,
     KnownGripper,
+    KnownLens,
     KnownObserved,
+    KnownPictures,
     KnownRack,
     KnownTracker,
 )
 from procedures.setup import Setup
 
 _ARM_SIGNALS = range(18)  # of its digital inputs and outputs
+_OF_PICTURES = ("width", "height", "fps", "exposure_s", "row_time_s", "depth")
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,22 @@ def gripper(setup: Setup, place_clear: str | None = None) -> KnownGripper:
     output, confirm = int(getattr(section, "output", 0)), getattr(section, "confirm", None)
     if not (output in _ARM_SIGNALS and (confirm is None or confirm in _ARM_SIGNALS)):  # of another device
         output, confirm = 0, None
-    return KnownGripper(output, confirm, place_clear)
+    return KnownGripper(output, confirm, place_clear, getattr(section, "moves_s", None))
+
+
+def pictures(setup: Setup, role: str) -> KnownPictures:
+    """What the section of the camera with this role asks of it, and the lens that the hand-eye in effect
+    found for such pictures; none where the ledger cannot be read, as by who may rehearse and no more."""
+    section = setup.devices.get(setup.roles.get(role, ""))
+    asked = {key: getattr(section, key) for key in _OF_PICTURES if hasattr(section, key)}
+    made = KnownPictures(**asked)
+    try:
+        found = setup.stated("T_flange_camera" if role == "flange_camera" else "T_base_camera").get("lens")
+    except CellError:
+        found = None
+    if found is None or (found["width"], found["height"]) != (made.width, made.height):
+        return made
+    return replace(made, lens=KnownLens(found["K"], found["dist"]))
 
 
 def cannot(why: str) -> CellError:

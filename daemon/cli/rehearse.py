@@ -35,7 +35,7 @@ def rehearse(
     from daemon.demo.folder import begin_in
     from daemon.rehearsal.objects import rehearsal_reference
     from daemon.rehearsal.play import rehearse as play
-    from daemon.rehearsal.words import outcome_lines, summary_lines
+    from daemon.rehearsal.words import outcome_lines, summary_lines, twin_lines
 
     path = config_path(config)
     loaded = load_config(path)
@@ -55,6 +55,8 @@ def rehearse(
         out_json({"job": job, "config": str(path), "rehearsals": [o.as_dict() for o in outcomes]})
     else:
         for line in summary_lines(job, outcomes):
+            out(line)
+        for line in twin_lines(outcomes):
             out(line)
         out(LIMITS)
     if not all(outcome.succeeded for outcome in outcomes):

@@ -18,6 +18,7 @@ from daemon.config.findings import Findings
 from daemon.config.load import check_config
 from daemon.job_config import make_procedure
 from daemon.predictions import setup_of
+from daemon.rehearsal.sections import not_in_twin
 from daemon.tools import ARGUMENT, CellTool, asked_tool
 from procedures.documents import kind_named
 from procedures.kind import load
@@ -31,23 +32,24 @@ LEFT_OUT = ("modbus", "http", "mqtt", "can", "supervisor", "tool", "recipe")
 
 class Twin(Protocol):
     """What the twin's module offers: a scenario for a known cell, the clock for it, and by role the drivers
-    with what else their sections have."""
+    and, from the sections of the device and of the arm, what else theirs have."""
 
     CLOCK: str
     DRIVERS: Mapping[str, str]
-    KEYS: Mapping[str, Mapping[str, Any]]
 
     def likely_scenario(self, known: KnownCell, seed: int) -> str: ...
+    def device_keys(self, role: str, section: Any, arm: Any) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)
 class RehearsedCell:
     """The cell of objects that ``jobs`` run in, one after the other, each as its own of ``rehearsals`` has
-    it; the last one is rehearsed."""
+    it; the last one is rehearsed. ``without``: what sections of devices say and the twin does not have."""
 
     config: CellConfig
     jobs: tuple[str, ...]
     rehearsals: tuple[Rehearsal, ...]
+    without: tuple[str, ...] = ()
 
 
 def rehearsed_cell(
@@ -85,9 +87,11 @@ def rehearsed_cell(
     scenario.write_text(text, "utf-8")
     jobs = (*rehearsal.before, job)
     raw = tomllib.loads(path.read_text("utf-8-sig"))
-    tables = _with_objects(config, raw, jobs, on_flange, twin, folder)
+    roles = _roles_of(config, jobs)
+    tables = _with_objects(config, raw, jobs, roles, on_flange, twin, folder)
     made = check_config(tables, Findings(f"the twin of {path}"), JOBS, DRIVERS, path)
-    return RehearsedCell(made, jobs, (*before, rehearsal))
+    without = tuple(not_in_twin(roles, config.device))
+    return RehearsedCell(made, jobs, (*before, rehearsal), without)
 
 
 def rehearsal_reference(job: str) -> str:
@@ -139,23 +143,27 @@ def _known(config: CellConfig, rehearsal: Rehearsal, tool: CellTool) -> KnownCel
     )
 
 
+def _roles_of(config: CellConfig, jobs: tuple[str, ...]) -> dict[str, str]:
+    """The devices that ``jobs`` use, by role; a twin has an arm, whether a job moves it or not."""
+    used = {"arm"} | {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
+    return {role: name for role, name in config.robot.roles().items() if role in used}
+
+
 def _with_objects(
     config: CellConfig,
     raw: Mapping[str, Any],
     jobs: tuple[str, ...],
+    roles: Mapping[str, str],
     tool: CellTool,
     twin: Twin,
     folder: Path,
 ) -> dict[str, Any]:
-    """The tables of ``raw`` with the devices that ``jobs`` use as objects, and without all others."""
-    # A twin has an arm, whether the job moves it or not.
-    used = {"arm"} | {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
-    roles = {role: name for role, name in config.robot.roles().items() if role in used}
+    """The tables of ``raw`` with the devices of ``roles`` as objects, and without all others."""
     devices = {
         name: {
             "driver": twin.DRIVERS[role],
             "scenario": str(folder / "scenario.toml"),
-            **twin.KEYS.get(role, {}),
+            **twin.device_keys(role, config.device[name], config.device[roles["arm"]]),
         }
         for role, name in roles.items()
     }

@@ -31,7 +31,8 @@ class RehearsedRun:
     each error is below the 95 % limit that was stated, None where none was, and ``of95`` each error in units
     of that limit. Of a kind that no truth can judge ``good`` is None, and there are ``expected``, what was
     predicted, and ``told``, the result in words.
-    ``lost`` are poses and passes that fell out, with the reason; ``report`` is a file.
+    ``lost`` are poses and passes that fell out, with the reason; ``report`` is a file. ``not_in_twin`` are
+    keys of the cell's devices that the twin does not have.
     """
 
     seed: int
@@ -48,6 +49,7 @@ class RehearsedRun:
     why: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     report: str = ""
+    not_in_twin: list[str] = field(default_factory=list)
 
     @property
     def succeeded(self) -> bool:
@@ -65,6 +67,10 @@ def rehearse(
     A job that the twin refuses is an outcome. Errors as of ``rehearsed_cell``.
     """
     cell = rehearsed_cell(config, path, job, seed, folder, tool)
+    return replace(_played(config, cell, job, seed, tool), not_in_twin=list(cell.without))
+
+
+def _played(config: CellConfig, cell: RehearsedCell, job: str, seed: int, tool: str | None) -> RehearsedRun:
     where = Path(cell.config.cell.state_dir) / "runs"
     try:
         runs, _ = run_objects(cell.config, steps_of(cell))

@@ -58,6 +58,12 @@ def summary_lines(job: str, outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
     yield f"{job}: ended well in {good} of {len(outcomes)} twins{span}{agreed}"
 
 
+def twin_lines(outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
+    """Keys of the cell's devices that its twins, which are all made alike, do not have."""
+    if outcomes and (keys := outcomes[0].not_in_twin):
+        yield f"not in the twin: {'; '.join(keys)}"
+
+
 def _time(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -17,7 +17,8 @@ BELOW = (
 )  # share of the reach of the search at which the beams are: the operator taught it above them
 SPOT_M, HYSTERESIS_M = 0.0005, 0.00005  # radius of a focused beam, and of the switching point: assumptions
 LATENCY_S = 0.002
-# Of a module whose filter is set short, as it has to be for the beams: assumptions, as in the scenario laser.
+# A filter that is set short, as it has to be for the beams, where no section tells it. How often a module
+# looks, none does. Assumptions, as in the scenario laser.
 FILTER_S, SCAN_S = 0.001, 0.001
 SERIAL = "99993300001"
 
@@ -38,7 +39,8 @@ def draw_beams(known: KnownCell, arm: Chain, rng: np.random.Generator) -> dict[s
         "io": {
             "serial": SERIAL,
             "inputs": {name: beam.channel for name, beam in told.beams.items()},
-            "filter_s": FILTER_S,
+            "filter_s": FILTER_S if told.filter_s is None else told.filter_s,
+            "counters": told.counters,
             "scan_s": SCAN_S,
         },
     }

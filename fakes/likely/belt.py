@@ -12,6 +12,9 @@ SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against 
 UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
 SPACING_M = 0.4
 MOVES_S = (0.2, 0.6)  # of grippers with two fingers
+# Of the time after which one counts as closed, as its section says, where nothing confirms it: an assumption.
+WITHIN = (0.7, 1.0)
+MOST_COUNTS = 0xFFFF_FFFF  # an encoder's range in a twin; no belt comes to the end of a larger one
 SERIAL = "999966001"
 
 
@@ -28,6 +31,8 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
             "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),
+            "period_s": known.period_s,
+            **({} if known.range_counts is None else {"modulus": min(known.range_counts, MOST_COUNTS)}),
             "profile": [{"speed_m_s": known.speed_m_s}],
         },
         "items": {
@@ -44,5 +49,6 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
 def draw_gripper(known: KnownGripper, rng: np.random.Generator) -> dict[str, Any]:
     """``gripper`` of a scenario's world."""
     confirm = {} if known.confirm is None else {"confirm": known.confirm}
-    moves_s = {name: float(rng.uniform(*MOVES_S)) for name in ("close_s", "open_s")}
+    low, high = MOVES_S if known.moves_s is None else known.moves_s * np.array(WITHIN)
+    moves_s = {name: float(rng.uniform(low, high)) for name in ("close_s", "open_s")}
     return {"output": known.output, **confirm, **moves_s}

@@ -6,28 +6,32 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cell.known_cell import KnownCamera
+from cell.known_cell import KnownCamera, KnownPictures
 from cell.poses import Array, from_pose6, to_pose6
 from cell.usual_delays import CAMERA
 from fakes.world.arm.kinematics import Chain
 
-WIDTH, HEIGHT, FOCAL_PX = 1280, 800, 800.0  # 77 degrees, the camera that predictions assume as well
+# 77 degrees, the camera that predictions assume as well. Other sizes show the same sight, cut off above and
+# below or at the sides where their shape is another one, as depthai cuts it.
+WIDTH, HEIGHT, FOCAL_PX = 1280, 800, 800.0
 DIST = [0.021, -0.043, 0.0006, -0.0004, 0.0]
 MOUNT_M, MOUNT_RAD = 0.004, 0.015  # of brackets as they are made and screwed on, each axis: an assumption
 # What an autofocus does to focal length and centre (the scenario workshop has the source); sigma of a draw.
 TOLD_FOCAL, TOLD_CENTRE_PX = 0.0015, 1.0
+CENTRE_PX = 5.0  # from the middle of a picture to where the lens's axis meets it: an assumption
 # Where a person puts a board that should face the camera: tilt about each axis, and off the line of sight.
 TILT_RAD, ASIDE_M, TURN_RAD = 0.25, 0.03, 0.6
-# Corners of real boards scatter by 0.15 to 0.3 px. A colour sensor with a rolling shutter takes 16.7 ms for
-# the rows of its modes up to 1080 (Luxonis). The light that corners lose and the noise of the grey are the
-# assumptions of the shipped scenarios, which have the same sizes.
+# Corners of real boards scatter by 0.15 to 0.3 px. The light that corners lose and the noise of the grey are
+# the assumptions of the shipped scenarios, which have the same sizes.
 PICTURE = {
     "noise_px": 0.2,
     "noise_grey": 3.0,
     "vignette": 0.3,
-    "row_time_s": 0.0167 / HEIGHT,
     "stamp_jitter_s": 0.0002,
 }
+# What a colour sensor with a rolling shutter takes for all rows of its modes up to 1080, and of larger ones
+# (Luxonis, IMX378). One with a global shutter says row_time_s = 0 in its section.
+ROWS_S, LARGE_ROWS_S, LARGE = 0.0167, 0.033, 1080
 # Luxonis' figures for the clocks of camera and PC do not tell how much of them stays: here the stamps of a
 # twin scatter by that of USB (``stamp_jitter_s``), and all are off by a draw of the size that jobs go by.
 # The OAK-D's pair by its data sheet, three subpixel bits; noise and holes are assumptions. Depth is within
@@ -43,23 +47,28 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
         MOUNT_M * rng.standard_normal(3), Rotation.from_rotvec(MOUNT_RAD * rng.standard_normal(3))
     )
     mount = from_pose6(known.T_mount_camera) * off
+    told = known.pictures
+    larger = max(told.width / WIDTH, told.height / HEIGHT)  # than the pictures of the sizes here
+    centre = np.array([told.width, told.height]) / 2 + larger * rng.normal(0.0, CENTRE_PX, 2)
+    focal = larger * FOCAL_PX
     camera = {
         "serial": SERIAL,
-        "width": WIDTH,
-        "height": HEIGHT,
-        "K": [FOCAL_PX, FOCAL_PX, *(np.array([WIDTH, HEIGHT]) / 2 + rng.normal(0.0, 5.0, 2)).tolist()],
-        "dist": DIST,
+        "width": told.width,
+        "height": told.height,
+        "K": [focal, focal, *centre.tolist()] if told.lens is None else list(told.lens.K),
+        "dist": DIST if told.lens is None else list(told.lens.dist),
         **PICTURE,
+        **_timing(told),
         "T_base_camera" if known.fixed else "T_flange_camera": to_pose6(mount).tolist(),
         "nominal": list(known.T_mount_camera),
         "told": {
             "focal": float(TOLD_FOCAL * rng.standard_normal()),
-            "centre_px": (TOLD_CENTRE_PX * rng.standard_normal(2)).tolist(),
+            "centre_px": (larger * TOLD_CENTRE_PX * rng.standard_normal(2)).tolist(),
         },
     }
     # Drawn from a generator of its own, so that the places stay those of the seed.
     scale = 1.0 + STEREO_SCALE * float(rng.spawn(1)[0].standard_normal())
-    camera["stereo"] = {**STEREO, "scale": scale}
+    camera |= {"stereo": {**STEREO, "scale": scale}} if told.depth else {"depth": False}
     camera["stamp_late_s"] = CAMERA.sigma_s * float(rng.spawn(1)[0].standard_normal())
     return {
         "camera": camera,
@@ -71,6 +80,19 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
             "bow_rad": float(rng.uniform(0.0, np.pi)),
         },
         "placement": [_placement(known, mount, arm, q, i, rng) for i, q in enumerate(known.looks)],
+    }
+
+
+def _timing(told: KnownPictures) -> dict[str, Any]:
+    """When frames come, how long they are exposed, and when each row is."""
+    rows_s = ROWS_S if told.height <= LARGE else LARGE_ROWS_S
+    exposure: dict[str, Any] = (
+        {"auto_exposure": {}} if told.exposure_s is None else {"exposure_s": told.exposure_s}
+    )
+    return {
+        "period_s": 1.0 / told.fps,
+        "row_time_s": rows_s / told.height if told.row_time_s is None else told.row_time_s,
+        **exposure,
     }
 
 

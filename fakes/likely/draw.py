@@ -17,20 +17,6 @@ from fakes.world.scenario import SCHEMA, Scenario
 from fakes.world.toml_text import to_toml
 
 CLOCK = "fakes.object:VirtualClock"
-# The driver of the object face that stands in for a device, by role.
-DRIVERS = {
-    "arm": "fakes.object:ObjectArm",
-    "flange_camera": "fakes.object:ObjectCamera",
-    "fixed_camera": "fakes.object:ObjectCamera",
-    "beams": "fakes.object:ObjectInputs",
-    "tracker": "fakes.object:ObjectTracker",
-    "belt": "fakes.object:ObjectEncoder",
-    "gripper": "fakes.object:ObjectGripper",
-    "place_inputs": "fakes.object:ObjectPlaceInputs",
-    "observed_arm": "fakes.object:ObjectObservedArm",
-}
-# What their sections have besides: an arm goes to what it is asked for, by its program or by a person.
-KEYS = {"observed_arm": {"allow_requests": True}}
 
 
 def likely_scenario(known: KnownCell, seed: int) -> str:

@@ -12,9 +12,8 @@ from cell.poses import from_pose6, to_pose6
 PLACE_M, PLACE_RAD = 0.02, 0.005  # how well a tripod is put down where a sketch has it: an assumption
 POINT_M = 0.003  # how well a person measures where a reflector is screwed on
 SERIAL = "99994400001"
-# A station looks five times a second, as its driver asks; how long its most accurate distance takes is an
-# assumption.
-STATION = {"one_by_one": True, "measure_s": 2.0, "rate_hz": 5.0}
+STATION = {"one_by_one": True, "measure_s": 2.0}  # how long its most accurate distance takes: an assumption
+RATES_HZ = (1.0, 1000.0)  # between which a twin gives readings
 LINK_M = 0.045  # radius of the links, which hide what is behind them
 
 
@@ -34,6 +33,7 @@ def draw_tracker(known: KnownTracker, rng: np.random.Generator) -> dict[str, Any
     return {
         "tracker": {
             **(STATION if known.one_by_one else {}),
+            **({} if known.rate_hz is None else {"rate_hz": float(np.clip(known.rate_hz, *RATES_HZ))}),
             "serial": SERIAL,
             "T_base_tracker": place,
             "sigma0_m": known.sigma0_m,

@@ -34,6 +34,8 @@ class ObjectArmConfig(Strict):
     stale_after_s: float = Field(default=0.05, gt=0, le=1)
     lost_after_s: float = Field(default=0.1, gt=0, le=5)
     joint_tolerance_rad: float = Field(default=0.001, gt=0, le=0.05)
+    position_tolerance_m: float = Field(default=0.0005, gt=0, le=0.01)
+    rotation_tolerance_rad: float = Field(default=0.001, gt=0, le=0.05)
     servo_lookahead_s: float = Field(default=0.05, ge=0.03, le=0.2)
     servo_gain: float = Field(default=500.0, ge=100.0, le=2000.0)
 

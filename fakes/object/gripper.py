@@ -20,6 +20,12 @@ class ObjectGripperConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectGripper"``."""
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
+    counts_after_s: float | None = Field(
+        default=None,
+        ge=0,
+        le=5,
+        description="nothing confirms: it counts as closed, or open, after so long, whether it holds or not",
+    )
     lost_after_s: float = Field(default=0.1, gt=0, le=5)
 
 
@@ -32,6 +38,7 @@ class ObjectGripper(ObjectDevice):
     def __init__(self, name: str, config: ObjectGripperConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)
         super().__init__(name, clock, self._cell.controller, config.lost_after_s)
+        self.config = config
         gripper = self._cell.world.gripper
         if gripper is None:
             raise error("CONFIG_INVALID", "the scenario has no [world.gripper]")
@@ -60,14 +67,18 @@ class ObjectGripper(ObjectDevice):
         return await self._command(False, timeout)
 
     def holding(self, max_age: float) -> bool:
-        """Whether something is held; ``STALE_DATA`` when the link is silent."""
+        """Whether something is held, or it is told to close where nothing confirms; ``STALE_DATA`` when the
+        link is silent."""
         self._check()
-        return self.held.latest(max_age).value
+        held = self.held.latest(max_age).value
+        return held if self.config.counts_after_s is None else self.gripper.closed
 
     async def _command(self, close: bool, timeout: float) -> bool:
         self._check()
         self.held.fill()
         self.gripper.command(self.clock.now(), close)
+        if self.config.counts_after_s is not None:
+            return await self._counts(self.config.counts_after_s, timeout)
         seen = asyncio.Event()
 
         def look(sample: Any) -> None:
@@ -82,6 +93,15 @@ class ObjectGripper(ObjectDevice):
             return False
         finally:
             undo()
+        self._check()
+        return True
+
+    async def _counts(self, after_s: float, timeout: float) -> bool:
+        """As the drivers do without an input that confirms."""
+        if after_s > timeout:
+            text = f"{self.name}: moves_s is {after_s:g} s, and the timeout is {timeout:g} s"
+            raise error("ARGUMENT_INVALID", text)
+        await self.clock.sleep(after_s)
         self._check()
         return True
 

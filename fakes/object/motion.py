@@ -39,6 +39,10 @@ class Settings(Protocol):
     @property
     def joint_tolerance_rad(self) -> float: ...
     @property
+    def position_tolerance_m(self) -> float: ...
+    @property
+    def rotation_tolerance_rad(self) -> float: ...
+    @property
     def servo_lookahead_s(self) -> float: ...
     @property
     def servo_gain(self) -> float: ...
@@ -301,7 +305,8 @@ class ObjectMotionPort:
         wanted = T_base_flange.as_matrix()
         off_t = float(np.linalg.norm(measured[:3, 3] - wanted[:3, 3]))
         off_r = float(np.linalg.norm(rotation_vector(wanted[:3, :3].T @ measured[:3, :3])))
-        if off_t > 0.0005 or off_r > 0.001:
+        config = self._arm.config
+        if off_t > config.position_tolerance_m or off_r > config.rotation_tolerance_rad:
             detail = f"{self._arm.name}: flange is {off_t * 1e3:.2f} mm and {off_r:.4f} rad off"
             raise error("ARM_NOT_AT_TARGET", detail)
 

@@ -22,7 +22,7 @@ class ObjectObservedArmConfig(Strict):
     expect_serial: str | None = None
     poll_period_s: float = Field(default=0.05, ge=0.005, le=5.0)
     reply_s: float = Field(default=0.002, ge=0, le=0.1, description="from request to reply")
-    rest_window_s: float = Field(default=0.5, gt=0, le=10.0)
+    rest_window_s: float = Field(default=0.5, gt=0, le=30.0)
     rest_spread_rad: float = Field(default=1e-4, gt=0, le=0.1)
     handshake: bool = Field(default=True, description="the arm's program takes requests and says where it is")
     allow_requests: bool = Field(default=False, description="without it nothing is ever asked of the arm")

@@ -7,7 +7,7 @@ from cell.known_cell import KnownBelt, KnownCamera
 from cell.poses import from_pose6
 from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.config import BeltTrackingConfig, ItemLook
-from procedures.rehearsal import Rehearsal, cannot, gripper, joints, needed, nominal, target
+from procedures.rehearsal import Rehearsal, cannot, gripper, joints, needed, nominal, pictures, target
 from procedures.setup import Setup
 
 SPEED_M_S = 0.15  # no configuration says how fast a belt runs
@@ -64,6 +64,7 @@ def _camera(setup: Setup, q: list[float]) -> KnownCamera:
         target=board,
         looks=[q],
         distance_m=1.0,
+        pictures=pictures(setup, "fixed_camera"),
         T_flange_target=setup.nominal["T_flange_target_nominal"] or [0.0, 0.0, -0.5, 0.0, 0.0, 0.0],
         **stated,
     )
@@ -74,6 +75,8 @@ def _belt(setup: Setup, q: list[float], z_m: float, items: ItemLook) -> KnownBel
         raise cannot("[robot] belt_nominal is missing, around which the twin's belt would be drawn; give it")
     tool = from_pose6(setup.values.tool["T_flange_tool"])
     above = (robot_from_spec(setup.values.robot).forward(np.array(q)) * tool).translation
+    encoder = setup.devices[setup.roles["belt"]]
+    bits = getattr(encoder, "width_bits", None)
     return KnownBelt(
         m_per_count=float(setup.values.belt["m_per_count"]),
         dir=[float(v) for v in setup.values.belt["dir"]],
@@ -81,4 +84,6 @@ def _belt(setup: Setup, q: list[float], z_m: float, items: ItemLook) -> KnownBel
         above=[float(v) for v in above],
         speed_m_s=SPEED_M_S,
         item_heights_m=(items.min_height_m, items.max_height_m),
+        period_s=getattr(encoder, "period_s", KnownBelt.period_s),
+        range_counts=getattr(encoder, "range_counts", None) or (1 << bits if bits else None),
     )

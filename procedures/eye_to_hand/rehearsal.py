@@ -6,7 +6,7 @@ from calibration.kinematics import robot_from_spec
 from cell.known_cell import KnownCamera
 from cell.poses import from_pose6, to_pose6
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
-from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, target
+from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, pictures, target
 from procedures.setup import Setup
 
 _SIGHT_RAD = 0.6  # from the camera's axis: about half of what its picture shows
@@ -38,6 +38,7 @@ def rehearse_check(setup: Setup, job: EyeToHandCheckConfig) -> Rehearsal:
         T_flange_target=to_pose6(T_flange_target).tolist(),
         target_sigma_t_m=job.place_sigma_t_m,
         target_sigma_r_rad=job.place_sigma_r_rad,
+        pictures=pictures(setup, "fixed_camera"),
         **stated,
     )
     return Rehearsal(look, camera=known, calibrated_camera=True)

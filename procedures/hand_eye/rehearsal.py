@@ -2,14 +2,15 @@
 
 from cell.known_cell import KnownCamera
 from procedures.hand_eye.config import ConeCaptureConfig
-from procedures.rehearsal import Rehearsal, joints, needed, nominal, target
+from procedures.rehearsal import Rehearsal, joints, needed, nominal, pictures, target
 from procedures.setup import Setup
 
 
 def rehearse_cone(setup: Setup, job: ConeCaptureConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
     fixed = job.setup == "eye-to-hand"
-    needed(setup, "arm", "fixed_camera" if fixed else "flange_camera")
+    role = "fixed_camera" if fixed else "flange_camera"
+    needed(setup, "arm", role)
     look, q = joints(setup, job.start_pose)
     board, stated = target(setup, job.target)
     camera = KnownCamera(
@@ -18,6 +19,7 @@ def rehearse_cone(setup: Setup, job: ConeCaptureConfig) -> Rehearsal:
         target=board,
         looks=[q] * job.placements,
         distance_m=job.distance_m,
+        pictures=pictures(setup, role),
         T_flange_target=nominal(setup, "T_flange_target_nominal") if fixed else None,
         **stated,
     )

@@ -8,6 +8,7 @@ from procedures.rehearsal import Rehearsal, cannot, joints, needed
 from procedures.setup import Setup
 
 REFERENCE = "laser-reference"
+_COUNTING = ("ioLogik-E1210", "ADAM-6050")  # modules whose counters have a known place
 
 
 def rehearse_reference(setup: Setup, job: LaserReferenceConfig) -> Rehearsal:
@@ -15,7 +16,14 @@ def rehearse_reference(setup: Setup, job: LaserReferenceConfig) -> Rehearsal:
     needed(setup, "arm", "beams")
     radius = job.pin_radius_m or float(setup.values.tool["radius_m"])
     beams = {beam.input: _beam(setup, beam, i) for i, beam in enumerate(getattr(job, n) for n in BEAMS)}
-    known = KnownBeams(beams, radius, job.descend_step_m * job.max_descents)
+    module = setup.devices[setup.roles["beams"]]
+    known = KnownBeams(
+        beams,
+        radius,
+        job.descend_step_m * job.max_descents,
+        filter_s=getattr(module, "filter_s", None),
+        counters=_counts(module),
+    )
     return Rehearsal(joints(setup, job.xs.aux)[0], beams=known)
 
 
@@ -27,6 +35,13 @@ def rehearse_measurement(setup: Setup, job: BaseModel) -> Rehearsal:
     found = rehearse_reference(setup, reference)
     bumped = isinstance(job, LaserUpdateConfig)
     return Rehearsal(found.look, beams=found.beams, before=(REFERENCE,), bumps_tool=bumped)
+
+
+def _counts(module: BaseModel) -> bool:
+    """Whether the module's counters are read, as its section says."""
+    if not getattr(module, "use_counters", False):
+        return False
+    return getattr(module, "module", "") in _COUNTING or getattr(module, "counters", None) is not None
 
 
 def _beam(setup: Setup, beam: BeamSection, number: int) -> KnownBeam:

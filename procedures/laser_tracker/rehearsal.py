@@ -2,11 +2,18 @@
 reflectors near theirs."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from cell.known_cell import KnownObserved, KnownReflector, KnownTracker
 from procedures.laser_tracker.noise import stated_noise
 from procedures.rehearsal import Rehearsal, cannot, joints, needed
 from procedures.setup import Setup
+
+
+def _asked_hz(section: Any) -> float | None:
+    """How often the instrument is asked for a reading; None where it sends them by itself."""
+    period_s = getattr(section, "poll_period_s", None)
+    return None if period_s is None or getattr(section, "request", "") is None else 1.0 / period_s
 
 
 def rehearse_with_tracker(
@@ -22,6 +29,13 @@ def rehearse_with_tracker(
     if T_base_tracker is None:
         raise cannot("T_base_tracker_nominal of the job says where the twin's tracker would stand; give it")
     noise, _ = stated_noise(setup)
-    single = getattr(setup.devices[setup.roles["tracker"]], "measure_with", "") == "single"
-    tracker = KnownTracker(list(T_base_tracker), reflectors, noise["sigma0"], noise["sigma_per_m"], single)
+    section = setup.devices[setup.roles["tracker"]]
+    tracker = KnownTracker(
+        list(T_base_tracker),
+        reflectors,
+        noise["sigma0"],
+        noise["sigma_per_m"],
+        one_by_one=getattr(section, "measure_with", "") == "single",
+        rate_hz=_asked_hz(section),
+    )
     return Rehearsal(joints(setup, look)[0], tracker=tracker, observed=observed)

@@ -3,7 +3,7 @@
 from cell.known_cell import KnownCamera
 from procedures.laser.rehearsal import rehearse_measurement
 from procedures.latency.config import LatencyCalibrationConfig
-from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, target
+from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, pictures, target
 from procedures.setup import Setup
 
 DISTANCE_M = 0.5  # from camera to target, where the configuration does not tell it
@@ -25,6 +25,7 @@ def rehearse_delay(setup: Setup, job: LatencyCalibrationConfig) -> Rehearsal:
         target=board,
         looks=[q],
         distance_m=DISTANCE_M,
+        pictures=pictures(setup, job.source),
         T_flange_target=nominal(setup, "T_flange_target_nominal") if fixed else None,
         **stated,
     )

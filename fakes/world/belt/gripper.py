@@ -74,6 +74,11 @@ class Gripper:
         self._closed = close
         self._due.append((t + (self.truth.close_s if close else self.truth.open_s), close))
 
+    @property
+    def closed(self) -> bool:
+        """What was commanded last."""
+        return self._closed
+
     def give(self, t: float, item: int) -> None:
         """Somebody has the fingers close on ``item``, which is between them at ``t``."""
         self.settle(t)

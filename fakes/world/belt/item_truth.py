@@ -70,7 +70,7 @@ class GripperTruth(Strict):
         le=17,
         description="input of the arm, on while something is held; absent: none",
     )
-    close_s: float = Field(default=0.04, ge=0, le=2)
-    open_s: float = Field(default=0.04, ge=0, le=2)
+    close_s: float = Field(default=0.04, ge=0, le=5)
+    open_s: float = Field(default=0.04, ge=0, le=5)
     within_m: float = Field(default=0.003, gt=0, le=0.1)
     below_m_s: float = Field(default=0.02, gt=0, le=1)
