@@ -24,7 +24,9 @@ class KnownPictures:
     """What a camera's section asks of it: ``width`` and ``height`` in pixels, ``fps`` pictures a second.
 
     ``exposure_s``: fixed, None: automatic. ``row_time_s``: from row to row, None: by the sensor. ``depth``:
-    with a stereo pair. ``lens``: as a calibration of pictures of this size found it, None: none has.
+    with a stereo pair, whose pictures are ``stereo_height`` pixels high and matched to
+    2 ** ``stereo_subpixel_bits`` steps of a pixel. ``lens``: as a calibration of pictures of this size found
+    it, None: none has.
     """
 
     width: int = 1280
@@ -33,6 +35,8 @@ class KnownPictures:
     exposure_s: float | None = 0.008
     row_time_s: float | None = None
     depth: bool = True
+    stereo_height: int = 400
+    stereo_subpixel_bits: int = 3
     lens: KnownLens | None = None
 
 

@@ -19,7 +19,8 @@ from cell.known_cell import (
 from procedures.setup import Setup
 
 _ARM_SIGNALS = range(18)  # of its digital inputs and outputs
-_OF_PICTURES = ("width", "height", "fps", "exposure_s", "row_time_s", "depth")
+_OF_STEREO = ("depth", "stereo_height", "stereo_subpixel_bits")
+_OF_PICTURES = ("width", "height", "fps", "exposure_s", "row_time_s", *_OF_STEREO)
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,10 @@ def _keys(taken: str, without: str, missing: str) -> SectionKeys:
 
 
 _CAMERA = _keys(
-    taken="width height fps exposure_s row_time_s depth frame_timeout_s",
+    taken="width height fps exposure_s row_time_s depth stereo_height stereo_subpixel_bits frame_timeout_s",
     without="group_within_s",  # a twin exposes colour and depth together
-    missing="focus stereo_preset dot_projector iso time_offset_s",
+    missing="focus stereo_preset stereo_median stereo_filters stereo_confidence dot_projector iso "
+    "time_offset_s",
 )
 SECTIONS: Mapping[str, SectionKeys] = {
     "arm": _keys(

@@ -34,9 +34,10 @@ PICTURE = {
 ROWS_S, LARGE_ROWS_S, LARGE = 0.0167, 0.033, 1080
 # Luxonis' figures for the clocks of camera and PC do not tell how much of them stays: here the stamps of a
 # twin scatter by that of USB (``stamp_jitter_s``), and all are off by a draw of the size that jobs go by.
-# The OAK-D's pair by its data sheet, three subpixel bits; noise and holes are assumptions. Depth is within
-# 2 % of the distance (Luxonis), here two standard deviations of a draw.
-STEREO = {"focal_px": 440.0, "baseline_m": 0.075, "steps": 8, "noise_px": 0.1, "holes": 0.05}
+# The OAK-D's pair by its data sheet, with its sensors' pixels binned in pictures 400 high; noise and holes
+# are assumptions. Depth is within 2 % of the distance (Luxonis), here two standard deviations of a draw.
+STEREO = {"baseline_m": 0.075, "noise_px": 0.1, "holes": 0.05}
+PAIR_PX, BINNED, BINNED_PX = 880.0, 400, 440.0  # focal lengths
 STEREO_SCALE = 0.01
 SERIAL = "99992200001"
 
@@ -68,7 +69,7 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
     }
     # Drawn from a generator of its own, so that the places stay those of the seed.
     scale = 1.0 + STEREO_SCALE * float(rng.spawn(1)[0].standard_normal())
-    camera |= {"stereo": {**STEREO, "scale": scale}} if told.depth else {"depth": False}
+    camera |= {"stereo": {**_pair(told), "scale": scale}} if told.depth else {"depth": False}
     camera["stamp_late_s"] = CAMERA.sigma_s * float(rng.spawn(1)[0].standard_normal())
     return {
         "camera": camera,
@@ -81,6 +82,11 @@ def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dic
         },
         "placement": [_placement(known, mount, arm, q, i, rng) for i, q in enumerate(known.looks)],
     }
+
+
+def _pair(told: KnownPictures) -> dict[str, Any]:
+    focal = BINNED_PX if told.stereo_height == BINNED else PAIR_PX
+    return {**STEREO, "focal_px": focal, "steps": 2**told.stereo_subpixel_bits}
 
 
 def _timing(told: KnownPictures) -> dict[str, Any]:

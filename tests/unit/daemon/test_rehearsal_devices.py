@@ -76,6 +76,7 @@ def _added(role: str, job: str, anchor: str, *lines: str, base: dict[str, str] |
 
 
 PICTURES = (
+    "stereo_height = 800", "stereo_subpixel_bits = 5",
     "width = 640", "height = 400", "fps = 20.0", "row_time_s = 0.0", "depth = false", "frame_timeout_s = 1.5"
 )  # fmt: skip
 CASES = [
