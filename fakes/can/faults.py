@@ -10,6 +10,7 @@ from fakes.faults.vocabulary import MAX_ARGUMENT, Fault, Faulty, number
 
 _DROP_S = 0.2  # an adapter that was pulled out is there again after so long
 _GENERIC = 0x1000
+_ELSEWHERE = 5000  # counts by which another encoder stands elsewhere
 
 
 class CanFaults:
@@ -39,11 +40,14 @@ class CanFaults:
                 Fault.UNPLUG: Action(lambda a: node.power_off(), self._plug_in),
                 Fault.BUS_OFF: Action(lambda a: bus.switch_off(True), lambda: bus.switch_off(False)),
                 Fault.NODE_STOP: Action(self._stop_node),
+                Fault.SECOND_SENDER: Action(self._join_second, self._end_second, frozenset({"counts"})),
                 Fault.ALARM: Action(self._alarm, lambda: node.alarm(0, 0), frozenset({"code", "register"})),
                 Fault.REBOOT: Action(self._reboot, takes=frozenset({"boot_s", "serial"})),
             }
         )
         self._other_master = bus.join(lambda frame, t: None).send
+        self._ahead: int | None = None  # of the second sender, where there is one
+        self._second = bus.join(self._answer_position).send
 
     def offers(self) -> frozenset[Fault]:
         """The faults of the wires, the node and the shaft."""
@@ -113,6 +117,20 @@ class CanFaults:
     def _stop_node(self, arguments: Arguments) -> None:
         node = self._wires.node
         self._other_master(Frame(0, bytes([2, node.number])), asyncio.get_running_loop().time())
+
+    def _join_second(self, arguments: Arguments) -> None:
+        self._ahead = int(number(arguments, "counts", _ELSEWHERE, low=1))
+
+    def _end_second(self) -> None:
+        self._ahead = None
+
+    def _answer_position(self, frame: Frame, t: float) -> None:
+        """Another encoder has the same identifier and timer, and stands elsewhere."""
+        node = self._wires.node
+        if self._ahead is None or frame.id != node.position_id or len(frame.data) < 4:
+            return
+        there = (int.from_bytes(frame.data[:4], "little") + self._ahead) % node.shaft.modulus
+        self._second(Frame(frame.id, there.to_bytes(4, "little") + frame.data[4:]), t)
 
     def _alarm(self, arguments: Arguments) -> None:
         code = int(number(arguments, "code", _GENERIC, low=1))

@@ -44,6 +44,7 @@ class Fault(StrEnum):
     UNPLUG = "unplug"  # the encoder's connector is pulled, its bus and adapters stay
     BUS_OFF = "bus-off"  # the CAN controller of the adapter has given up
     NODE_STOP = "node-stop"  # another master stops the node
+    SECOND_SENDER = "second-sender"  # another node sends positions with the same identifier
     ALARM = "alarm"  # the device reports a fault of its own
     BELT_STOP = "belt-stop"  # the belt stands
     BELT_REVERSE = "belt-reverse"  # the belt runs the other way

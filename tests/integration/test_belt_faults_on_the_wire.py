@@ -255,6 +255,16 @@ def test_a_belt_that_stands_for_seconds_suspends_the_run_at_rest_and_is_picked_f
     assert subject.told(run_id).outcomes[Outcome.PICKED] == 3
 
 
+def test_a_second_encoder_on_the_same_identifier_in_mid_follow_ends_the_run_by_that_name(
+    subject: Picking,
+) -> None:
+    run_id = subject.follow()
+    subject.cell.inject("belt", "second-sender")
+    subject.ends_by(run_id, "ENCODER_TWO_SENDERS")
+    assert subject.refuses_to_start() == "DEVICE_NOT_READY"
+    subject.repaired("belt")
+
+
 def test_a_speed_slider_at_half_in_mid_follow_ends_the_run_at_rest(subject: Picking) -> None:
     run_id = subject.follow()
     subject.cell.inject("arm", "speed-slider", fraction=0.5)
