@@ -10,6 +10,7 @@ from calibration.targets import make_target
 from cell.run_values import RunValues
 
 M = TypeVar("M", bound=BaseModel)
+_NEAR = 0.8  # of a timeout
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,27 @@ class Setup:
     def without_depth(self, role: str) -> bool:
         """Whether the camera of this role is configured to be one without depth."""
         return getattr(self.devices.get(self.roles.get(role, "")), "depth", True) is False
+
+    @property
+    def gripper_moves_s(self) -> float | None:
+        """How long the gripper takes to close or to open by its own section, s; None where that says
+        nothing."""
+        moves_s = getattr(self.devices.get(self.roles.get("gripper", "")), "moves_s", None)
+        return None if moves_s is None else float(moves_s)
+
+    def gripper_in_time(self, key: str, timeout_s: float) -> tuple[list[str], list[str]]:
+        """What is wrong, and what looks mistaken, where the gripper by its own section needs longer than the
+        key ``key`` of a job waits for it."""
+        moves_s = self.gripper_moves_s
+        if moves_s is None or moves_s <= _NEAR * timeout_s:
+            return [], []
+        name = self.roles["gripper"]
+        text = f"{key} = {timeout_s:g} s, and [device.{name}] moves_s is {moves_s:g} s: "
+        if moves_s <= timeout_s:
+            return [], [f"{text}that leaves little more; make {key} longer"]
+        if getattr(self.devices[name], "confirm", None) is not None:
+            return [], [f"{text}every grip would count as failed; make {key} longer"]
+        return [f"{text}the gripper refuses to move; make {key} longer"], []
 
     def missing(self, *roles: str) -> list[str]:
         """One sentence for each of these roles that no device plays."""

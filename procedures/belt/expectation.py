@@ -29,6 +29,8 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     """
     problems = [*setup.missing(*job.roles()), *_poses(setup, job), *_place_input(setup, job)]
     problems += needs_depth(setup, "belt-tracking", job.items)
+    slow, tight = setup.gripper_in_time("grip_timeout_s", job.grip_timeout_s)
+    problems += slow
     values = setup.values
     try:
         values = with_job_limits(values, job.limits)
@@ -42,22 +44,24 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
     mistaken += _overlaps(job)
-    mistaken += _falls(job)
+    mistaken += [*_falls(job), *tight]
     if values.belt is None:
         text = f"{slide}; no prediction of the zone without [robot] belt_nominal"
         return {"text": text, "problems": problems, "cautions": mistaken}
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
     guard = MotionGuard(model, GuardLimits.from_mapping(values.limits), Tool.from_mapping(values.tool))
-    expectation = CycleEstimate(job, tool, q_wait, q_place, np.array(values.belt["dir"]))
+    expectation = CycleEstimate(
+        job, tool, q_wait, q_place, np.array(values.belt["dir"]), setup.gripper_moves_s
+    )
     problems = expectation.unreachable(guard)
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
     contacts = expected_contacts(setup, job)
     expected, times = [expectation.at_speed(v) for v in SPEEDS_M_S], expectation.zone_times()
     return {
-        "text": f"{_words(expected)}; {_zone_words(times)}; {slide}; {contacts['text']}; it needs a "
-        "calibrated camera above the belt when it starts",
+        "text": f"{_words(expected, setup.gripper_moves_s)}; {_zone_words(times)}; {slide}; "
+        f"{contacts['text']}; it needs a calibrated camera above the belt when it starts",
         "zone": times.as_dict(),
         "speeds": [row.as_dict() for row in expected],
         "contacts": contacts["contacts"],
@@ -134,7 +138,7 @@ def _slide_words(job: BeltTrackingConfig) -> str:
     return f"without follow an item slides in {dwell} by {rows}"
 
 
-def _words(expected: list[ExpectedCycle]) -> str:
+def _words(expected: list[ExpectedCycle], moves_s: float | None) -> str:
     rows = []
     for row in expected:
         rate = "cannot be met"
@@ -142,10 +146,8 @@ def _words(expected: list[ExpectedCycle]) -> str:
             low, high = row.per_minute
             rate = f"about {low:.0f} to {high:.0f} can be picked a minute"
         rows.append(f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, {rate}")
-    return (
-        "; ".join(rows)
-        + " (met at its end or in its middle, with a third of grip_timeout_s for each motion of the gripper)"
-    )
+    each = "a third of grip_timeout_s" if moves_s is None else f"{moves_s:g} s (moves_s)"
+    return "; ".join(rows) + f" (met at its end or in its middle, with {each} for each motion of the gripper)"
 
 
 def _cautions(

@@ -30,13 +30,15 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
         name = getattr(job, key)
         if name is not None and name not in setup.poses:
             problems.append(f"{key} = '{name}' is not in [poses]; add the pose or name another")
+    slow, tight = setup.gripper_in_time("insertion.grip_timeout_s", job.insertion.grip_timeout_s)
+    problems += slow
     alone = _part_and_rack(job)
     if alone > job.clearance_m:
         problems.append(
             f"part.sigma_m, part.sigma_rad and rack.sigma_rad{_of_marker(job)} alone leave {mm(alone)} "
             f"(95 %) open, and {mm(job.clearance_m)} is free: every insertion would be refused"
         )
-    cautions = _cautions(setup, job, alone)
+    cautions = [*_cautions(setup, job, alone), *tight]
     text = (
         f"slot {job.slot} of {job.rack.rows * job.rack.columns}, {mm(job.clearance_m)} free on each side; "
         f"{_known_now(job)} alone leave {mm(alone)} (95 %) open, hand-eye, arm and look come on top"

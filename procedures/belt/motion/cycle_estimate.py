@@ -2,7 +2,8 @@
 
 The cycle is planned leg by leg with the planner that the job itself uses, on a belt of constant speed, for
 items of the least height: met in the middle of the zone, and at its end, where a job that has more items than
-it can pick meets them. The gripper's own time is not known here; a third of ``grip_timeout_s`` stands for it.
+it can pick meets them. Where the gripper's section does not tell its time, a third of ``grip_timeout_s``
+stands for it.
 """
 
 from collections.abc import Sequence
@@ -98,10 +99,17 @@ class ZoneTimes:
 
 
 class CycleEstimate:
-    """For a job's config, its tool, the joints of its poses (6,), and the belt's ``way`` (3,) in the base."""
+    """For a job's config, its tool, the joints of its poses (6,), the belt's ``way`` (3,) in the base, and
+    how long the gripper closes or opens (``gripper_s``); None: it is not known."""
 
     def __init__(
-        self, config: BeltTrackingConfig, tool: ToolJoints, q_wait: Array, q_place: Array, way: Array
+        self,
+        config: BeltTrackingConfig,
+        tool: ToolJoints,
+        q_wait: Array,
+        q_place: Array,
+        way: Array,
+        gripper_s: float | None = None,
     ) -> None:
         self._config, self._tool, self._way = config, tool, way / np.linalg.norm(way)
         self._q_wait, self._q_place = q_wait, q_place
@@ -109,7 +117,7 @@ class CycleEstimate:
         limits = config.limits
         self._limits, self._joint_speeds = pursuit_limits(limits), per_joint(limits.joint_speed_rad_s)
         self._axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
-        self._gripper_s = config.grip_timeout_s / 3.0
+        self._gripper_s = config.grip_timeout_s / 3.0 if gripper_s is None else gripper_s
         self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
         self._blend = blend_for(config, self._limits)

@@ -7,6 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from cell.run_values import RunValues
+from drivers.ur.gripper import ArmGripperConfig
 from fakes.world.scenario import Scenario
 from procedures.setup import Setup
 from procedures.slot.config import SlotInsertionConfig
@@ -23,10 +24,15 @@ def section(**changes: Any) -> dict[str, Any]:
     return {**known, **merged}
 
 
-def expected(job: dict[str, Any], roles: Mapping[str, str] = ROLES, known: bool = True) -> dict[str, Any]:
+def expected(
+    job: dict[str, Any],
+    roles: Mapping[str, str] = ROLES,
+    known: bool = True,
+    devices: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     poses = {"home": [0.0] * 6, "feed": [0.0] * 6, "put_down": [0.0] * 6}
     values = RunValues(robot={"model": "ur10e"}, poses=poses)
-    setup = Setup(roles, {}, values, {}, [], lambda: [HAND_EYE] if known else [])
+    setup = Setup(roles, devices or {}, values, {}, [], lambda: [HAND_EYE] if known else [])
     return slot_expectation(setup, SlotInsertionConfig.model_validate(job))
 
 
@@ -78,3 +84,13 @@ def test_check_names_a_role_and_a_pose_that_are_missing() -> None:
 
 def test_check_asks_for_a_calibrated_camera() -> None:
     assert any("run cone-capture" in caution for caution in expected(section(), known=False)["cautions"])
+
+
+@pytest.mark.parametrize(("moves_s", "where"), [(2.5, "problems"), (1.9, "cautions"), (0.5, None)])
+def test_check_compares_the_grippers_own_time_with_the_timeout(moves_s: float, where: str | None) -> None:
+    gripper = ArmGripperConfig(output=0, moves_s=moves_s)
+    found = expected(section(), devices={"gripper": gripper})
+    told = {key: [text for text in found[key] if "moves_s" in text] for key in ("problems", "cautions")}
+    assert {key for key, texts in told.items() if texts} == ({where} if where else set())
+    for text in (text for texts in told.values() for text in texts):
+        assert text.startswith("insertion.grip_timeout_s = 2 s, and [device.gripper] moves_s is")
