@@ -86,7 +86,7 @@ def figures(points: Array, commanded: Array, sigma_m: float) -> PoseFigures:
         RP=repeatability(points),
         RP_95=_interval(points),
         tracker_AP=_RADIUS95 * sigma_m,
-        tracker_RP=float(_MEAN + 3.0 * _SD) * sigma_m,
+        tracker_RP=repeatability_of(sigma_m),
         count=n,
     )
 
@@ -95,6 +95,11 @@ def repeatability(points: Array) -> float:
     """RP (m) of attained places (n, 3)."""
     distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
     return float(distance.mean() + 3.0 * np.std(distance, ddof=1))
+
+
+def repeatability_of(sigma_m: float) -> float:
+    """RP (m) of places without end that scatter by ``sigma_m`` along each axis, normally."""
+    return float(_MEAN + 3.0 * _SD) * sigma_m
 
 
 def _interval(points: Array) -> tuple[float, float] | None:

@@ -281,6 +281,7 @@ _ALL = (
         report="procedures.iso9283.report.layout:ISO9283",
         compare="procedures.iso9283.comparison:compare_iso9283",
         expectation="procedures.iso9283.expectation:iso9283_expectation",
+        truth="procedures.iso9283.truth:judge_iso9283",
         rehearsal="procedures.iso9283.rehearsal:rehearse_test",
         trend_limits=(
             ("iso9283.AP_m", "max_AP_m"),
