@@ -2,9 +2,11 @@
 
 ``python -m bench.rehearsal [TWINS] [JOB ...] [--first SEED] [--keep FILE]`` (10 twins, all jobs). A row a
 job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
-for them, with the exact 95 % interval of that share, the cell's time, and the computer's. Below it are the
-twins in which it did not end well, and those outside: each error there in units of its limit. The cell is
-``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets alone.
+for them, with the exact 95 % interval of that share, the cell's time, the computer's (its processor's), and
+the longest time that a person waits. Below it are the twins that took more than the minute that a rehearsal
+may take, those in which it did not end well, and those outside: each error there in units of its limit. The
+cell is ``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets
+alone, and a section of iso9283.
 With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all twins in the
 file.
 """
@@ -26,7 +28,7 @@ from scipy.special import betaincinv
 
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
-from tests.kit.example_cell import LASER_TRACKER, palletizer_example, whole_example
+from tests.kit.example_cell import ISO9283, LASER_TRACKER, palletizer_example, whole_example
 
 JOBS = (
     "cone-capture",
@@ -35,6 +37,7 @@ JOBS = (
     "laser-update",
     "latency-calibration",
     "tracker-sampling",
+    "iso9283",
     "corrected-targets",
     "belt-calibration",
     "belt-tracking",
@@ -49,16 +52,19 @@ BELT = {
         "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
     )
 }
-CHANGED = {"belt": BELT, "tracker": LASER_TRACKER}
+CHANGED = {"belt": BELT, "tracker": LASER_TRACKER, "iso9283": LASER_TRACKER | ISO9283}
+MINUTE_S = 60.0
 
 
 @dataclass(frozen=True)
 class Played:
-    """A job in one twin, and the processor time (s) that it took."""
+    """A job in one twin, the processor time (s) that it took, and the time that a person waits; None of a
+    twin that was kept before that was measured."""
 
     job: str
     outcome: RehearsedRun
     computer_s: float
+    wall_s: float | None = None
 
     def as_json(self) -> str:
         """One line."""
@@ -70,7 +76,7 @@ class Played:
         found: Mapping[str, Any] = json.loads(line)
         known = {f.name for f in fields(RehearsedRun)}
         outcome = {name: value for name, value in found["outcome"].items() if name in known}
-        return cls(found["job"], RehearsedRun(**outcome), found["computer_s"])
+        return cls(found["job"], RehearsedRun(**outcome), found["computer_s"], found.get("wall_s"))
 
 
 def main(arguments: list[str]) -> None:
@@ -91,7 +97,10 @@ def main(arguments: list[str]) -> None:
         if options.keep:
             with options.keep.open("a", encoding="utf-8") as file:
                 file.write(kept[-1].as_json() + "\n")
-    print(f"{'job':22}{'twins':>6}{'ended well':>12}{'inside 95 %':>24}{'cell, s':>9}{'computer, s':>13}")
+    print(
+        f"{'job':22}{'twins':>6}{'ended well':>12}{'inside 95 %':>24}{'cell, s':>9}{'computer, s':>13}"
+        f"{'longest wait, s':>17}"
+    )
     for job in jobs:
         for line in lines_of([played for played in kept if played.job == job]):
             print(line, flush=True)
@@ -110,7 +119,12 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
     cell = sorted(o.seconds for o in outcomes)[len(outcomes) // 2]
     well = sum(o.succeeded for o in outcomes)
     computer = sum(played.computer_s for played in of_job) / len(of_job)
-    yield f"{of_job[0].job:22}{len(outcomes):6}{well:12}{inside:>24}{cell:9.0f}{computer:13.1f}"
+    waited = {played.outcome.seed: played.wall_s for played in of_job if played.wall_s is not None}
+    wall = f"{max(waited.values()):17.1f}" if waited else f"{'-':>17}"
+    yield f"{of_job[0].job:22}{len(outcomes):6}{well:12}{inside:>24}{cell:9.0f}{computer:13.1f}{wall}"
+    for seed, wall_s in sorted(waited.items()):
+        if wall_s > MINUTE_S:
+            yield f"    twin {seed}: MORE THAN A MINUTE, {wall_s:.0f} s"
     for outcome in outcomes:
         if not outcome.succeeded:
             why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"
@@ -133,13 +147,13 @@ def _kept(path: Path) -> list[Played]:
 
 
 def _play(job: str, seed: int) -> Played:
-    began = time.process_time()
+    began, clock = time.process_time(), time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:
         cell = palletizer_example if job == "corrected-targets" else whole_example
         path = cell(Path(folder), CHANGED.get(job.partition("-")[0], {}))
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             outcome = rehearse(load_config(path), path, job, seed, Path(folder))
-    return Played(job, outcome, time.process_time() - began)
+    return Played(job, outcome, time.process_time() - began, time.perf_counter() - clock)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ def played(job: str, seed: int) -> subject.Played:
     outcome = RehearsedRun(
         seed, "complete", 60.0, "pass", "1 mm", "2 mm", True, turn < 1.0, {"shift": 0.5, "turn": turn}
     )
-    return subject.Played(job, outcome, 2.0)
+    return subject.Played(job, outcome, 2.0, 61.0 if seed == 8 else 3.0)
 
 
 def test_a_bench_goes_on_where_it_was_and_tells_which_error_was_outside(
@@ -43,8 +43,21 @@ def test_a_bench_goes_on_where_it_was_and_tells_which_error_was_outside(
     capsys.readouterr()
     subject.main(["1", "cone-capture", "--first", "8", "--keep", str(tmp_path / "kept.jsonl")])
     told = capsys.readouterr().out.splitlines()
-    assert told[1].split() == ["cone-capture", "3", "3", "1/3", "(0.8", "to", "90.6", "%)", "60", "2.0"]
-    assert told[2:] == [
+    assert told[1].split() == [
+        "cone-capture",
+        "3",
+        "3",
+        "1/3",
+        "(0.8",
+        "to",
+        "90.6",
+        "%)",
+        "60",
+        "2.0",
+        "61.0",
+    ]
+    assert told[2] == "    twin 8: MORE THAN A MINUTE, 61 s"
+    assert told[3:] == [
         f"    twin {seed}: outside; of the 95 % limits: shift 0.50, turn 1.25" for seed in (4, 8)
     ]
 
@@ -53,6 +66,9 @@ def test_what_is_kept_is_read_as_it_was_also_with_figures_that_are_no_more(tmp_p
     line = played("x", 4).as_json()
     assert subject.Played.from_json(line) == played("x", 4)
     assert subject.Played.from_json(line.replace('"seed"', '"gone": 1, "seed"')) == played("x", 4)
+    earlier = subject.Played.from_json(line.replace(', "wall_s": 3.0', ""))
+    assert earlier.wall_s is None
+    assert next(subject.lines_of([earlier])).endswith(" -")
 
 
 @pytest.mark.parametrize(
