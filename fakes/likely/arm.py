@@ -20,7 +20,8 @@ REPEATABILITY_M = {
 }  # fmt: skip
 OTHERS_M = 0.00005  # of an arm whose data sheet is not here
 AXES = 3.6
-LAG = "delay"  # of servoj; the scenario picking has the source
+# Of servoj; the scenario picking has the source of the one, fakes.world.arm.ripple that of the other.
+SERVO = {"lag": "delay", "ripple_s": 0.00043}
 # Measured on a UR5e: speeds of an idle joint up to 0.16 mrad/s, a force without contact of 2.3 N (median)
 # that moved by 4.2 N within 8 s. The noise of the joints is an assumption.
 REPORTED = {"q_noise_rad": 0.00001, "qd_noise_rad_s": 0.00005, "force_bias_n": 2.3, "force_walk_n": 2.0}
@@ -43,7 +44,7 @@ def draw_arm(known: KnownCell, rng: np.random.Generator) -> dict[str, Any]:
             "gear_twice_rad": GEAR_RAD,
             "sag_rad": (SAG_RAD * rng.uniform(0.5, 1.5, 3)).tolist(),
         },
-        "servo": {"lag": LAG},
+        "servo": SERVO,
         "reported": REPORTED,
     }
 

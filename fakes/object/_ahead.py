@@ -9,6 +9,7 @@ import numpy as np
 
 from cell.poses import Array
 from fakes.world.arm.kinematics import rotation_vector_of
+from fakes.world.arm.ripple import Rippled
 from fakes.world.arm.segments import Polynomial, Segment
 from fakes.world.arm.smoothed import Smoothed
 from fakes.world.arm.sweep import states
@@ -37,7 +38,7 @@ class Ahead:
 
 def ticks_ahead(segment: Segment, t: float, period_s: float) -> int:
     """How many ticks from ``t`` on to foresee: a set-point is replaced before the next one."""
-    if isinstance(segment, Polynomial | Smoothed):
+    if isinstance(segment, Polynomial | Smoothed | Rippled):
         return 1
     left = segment.t_end - t
     return _TICKS if left <= 0.0 or left >= _TICKS * period_s else int(left / period_s) + 1

@@ -43,7 +43,7 @@ class Controller(Plant):
         self.T_flange_tcp = RigidTransform.identity()
         self.payload_kg = 0.0
         self.hanging_calls = 0
-        self.stream_time = StreamTime(world.track, world.config.arm)
+        self.stream_time = StreamTime(world.track, world.config.arm, world.config.seed)
         self.died_of: CellError | None = None
         self.rebooted = False
         self._booted_at = clock.now()

@@ -12,6 +12,7 @@ from math import inf
 import numpy as np
 
 from cell.poses import Array
+from fakes.world.arm.ripple import Ripple
 from fakes.world.arm.segments import Polynomial
 from fakes.world.arm.servo import BEGUN_ANEW_S
 from fakes.world.arm.track import Track
@@ -25,9 +26,9 @@ _SLICE_S = 0.01  # of a piece that asks too much, with a rate of its own
 class StreamTime:
     """Puts what is sent on ``track``. Times in s, joints (6,) rad."""
 
-    def __init__(self, track: Track, truth: ArmTruth) -> None:
+    def __init__(self, track: Track, truth: ArmTruth, seed: int) -> None:
         self._track, self._lag = track, truth.servo.lag
-        self._fastest = _fastest(truth)
+        self._fastest, self._ripple = _fastest(truth), Ripple.of(truth.servo, seed)
         self._fraction = 1.0
         self._rates: list[
             tuple[float, float, float]
@@ -69,7 +70,8 @@ class StreamTime:
                 known = [one for one in self._rates if one[0] < begin]
                 self._rates = [*known[-1:], (begin, when, rate)]
             paced = Polynomial(begin, end, sent.origin, sent.coefficients).paced(begin, when, rate)
-            self._track.follow(paced, "none" if self._lag == "delay" else self._lag, late_s / rate)
+            lag = "none" if self._lag == "delay" else self._lag
+            self._track.follow(paced, lag, late_s / rate, self._ripple)
 
     def set_fraction(self, t: float, fraction: float) -> None:
         """The slider is at ``fraction`` from ``t`` on, for what is under way, too."""

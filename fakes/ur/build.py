@@ -7,6 +7,7 @@ from typing import Any
 from cell.errors import error
 from fakes.ur.controller import Controller
 from fakes.ur.robot import Identity
+from fakes.world.arm.ripple import Ripple
 from fakes.world.arm.servo import Servo
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
@@ -36,6 +37,7 @@ def controller_for(world: World, bind: str) -> Controller:
         raise error("CONFIG_INVALID", str(exc)) from None
     version, deltas = parse_version(arm.version), arm.factory.deltas()
     identity = Identity(arm.model, arm.serial, version, deltas, arm.controller_limits)
+    ripple = Ripple.of(arm.servo, world.config.seed)
     made = Controller(
         bind,
         identity,
@@ -43,7 +45,7 @@ def controller_for(world: World, bind: str) -> Controller:
         world.believed,
         world.contact_force,
         digital_in=world.arm_digital_in,
-        servo=None if arm.servo.lag == "none" else Servo(arm.servo, fastest),
+        servo=None if arm.servo.lag == "none" else Servo(arm.servo, fastest, ripple),
         reported=world.reported,
     )
     made.robot.io.listeners.append(lambda word: world.set_arm_output(made.now(), word))

@@ -208,6 +208,16 @@ class Polynomial:
             return self._inside(t)
         return _brake(*self.end, SERVO_REST_RAD_S2, t - self.t1)
 
+    def acceleration(self, t: float) -> Array:
+        """Of the joints (6,), rad/s^2."""
+        if t > self.t1:
+            return -self.end[1] / (self.t_end - self.t1) if t < self.t_end else np.zeros_like(self.end[1])
+        bends, power = [], 1.0
+        for k in range(2, len(self.coefficients)):
+            bends.append(k * (k - 1) * power)
+            power *= t - self.origin
+        return np.dot(bends, self.coefficients[2:]) if bends else np.zeros(self.coefficients.shape[1])
+
     @cached_property
     def end(self) -> tuple[Array, Array]:
         """Joints and joint speeds at ``t1``, to be read only."""

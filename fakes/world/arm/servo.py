@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cell.poses import Array
+from fakes.world.arm.ripple import Ripple
 from fakes.world.arm.segments import largest
 from fakes.world.arm.truth import ServoTruth
 
@@ -38,8 +39,8 @@ def lag_s(lookahead_s: float, gain: float) -> float:
 class Servo:
     """One control cycle after the other. Joints (6,) rad, times in s."""
 
-    def __init__(self, truth: ServoTruth, fastest: Array) -> None:
-        self._lag, self._fastest = truth.lag, fastest
+    def __init__(self, truth: ServoTruth, fastest: Array, ripple: Ripple | None = None) -> None:
+        self._lag, self._fastest, self._ripple = truth.lag, fastest, ripple
         self._line: deque[tuple[float, Array]] = deque()
         self._own = 0.0  # the controller's time on its way through what was sent
         self._at: Array = np.zeros(6)
@@ -71,8 +72,11 @@ class Servo:
         self._scaling = 1.0 / max(asked * fraction, 1.0)
         step = self._filtered(late_s, period_s * fraction) - self._at
         over = largest(step / (period_s * self._fastest))
-        self._at = self._at + step / max(over, 1.0)
-        return self._at
+        step = step / max(over, 1.0)
+        self._at = self._at + step
+        if self._ripple is None:
+            return self._at
+        return self._at + self._ripple.deviation(self._at, step / period_s)
 
     def _filtered(self, late_s: float, passed_s: float) -> Array:
         if self._lag == "delay":

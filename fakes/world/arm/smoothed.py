@@ -54,6 +54,12 @@ class Smoothed:
         phase = next((p for p in reversed(self._phases) if p.t0 <= t), self._phases[0])
         return phase.at(t, self.tau)
 
+    def acceleration(self, t: float) -> Array:
+        """Of the joints (6,), rad/s^2."""
+        if t >= self.t_end:
+            return np.zeros_like(self.q0)
+        return (self.sent.at(t)[1] - self.at(t)[1]) / self.tau
+
     @cached_property
     def _phases(self) -> list[_Phase]:
         """What was sent, the braking at its end, and the rest after that."""

@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from cell.poses import Array
 from fakes.world.arm.profile import Ramp, Trapezoid
+from fakes.world.arm.ripple import Rippled
 from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, PathMove, Polynomial, Segment
+from fakes.world.arm.smoothed import Smoothed
 
 
 def joints(segment: Segment, times: Array) -> Array:
@@ -98,6 +100,10 @@ def fastest(segment: Segment) -> Array:
             terms = np.abs(segment.coefficients[1:]) * (powers * longest ** (powers - 1.0))[:, None]
             total: Array = terms.sum(axis=0)
             return total
+        case Smoothed():
+            return np.maximum(np.abs(segment.at(segment.t0)[1]), fastest(segment.sent))
+        case Rippled():
+            return segment.ripple.fastest(fastest(segment.way))
     return np.zeros(6)
 
 

@@ -17,6 +17,7 @@ from cell.poses import Array
 from fakes.world.arm.kinematics import Chain
 from fakes.world.arm.linear_path import LinearPath
 from fakes.world.arm.profile import Ramp, Trapezoid
+from fakes.world.arm.ripple import Ripple, Rippled
 from fakes.world.arm.segments import (
     Hold,
     JointMove,
@@ -107,15 +108,16 @@ class Track:
 
         Where a stop is planned already, it stays as it is.
         """
-        if not isinstance(self._segments[-1], Polynomial | Smoothed):
+        if not isinstance(self._segments[-1], Polynomial | Smoothed | Rippled):
             return
         first = max(bisect_right(self._starts, t) - 1, 0)
         for segment in self._segments[first:]:
-            if isinstance(segment, Polynomial) and t < segment.t1:
-                self.append(segment.paced(t, t, change))
-            elif isinstance(segment, Smoothed) and t < segment.sent.t1:
-                q0 = self.at(t)[0] if segment.t0 < t else segment.q0
-                self.append(Smoothed(segment.sent.paced(t, t, change), segment.tau / change, q0))
+            way, ripple = (segment.way, segment.ripple) if isinstance(segment, Rippled) else (segment, None)
+            if isinstance(way, Polynomial) and t < way.t1:
+                self._follow(way.paced(t, t, change), ripple)
+            elif isinstance(way, Smoothed) and t < way.sent.t1:
+                q0 = way.at(t)[0] if way.t0 < t else way.q0
+                self._follow(Smoothed(way.sent.paced(t, t, change), way.tau / change, q0), ripple)
 
     def start_joint_move(self, t: float, q_target: ArrayLike, v: float, a: float) -> float:
         """Synchronised joint move, ``v`` (rad/s) and ``a`` (rad/s^2) for the joint with the longest way.
@@ -196,18 +198,25 @@ class Track:
         self.append(Polynomial(t, t + T, t, np.array([q0, qd0, c2, c3])))
         return self.end_time
 
-    def follow(self, sent: Polynomial, lag: Lag = "none", late_s: float = 0.0) -> float:
-        """Follow joint polynomials to their end, then brake unless more comes; ``late_s`` behind them."""
+    def follow(
+        self, sent: Polynomial, lag: Lag = "none", late_s: float = 0.0, ripple: Ripple | None = None
+    ) -> float:
+        """Follow joint polynomials to their end, then brake unless more comes; ``late_s`` behind them, and
+        beside them by ``ripple``."""
         match lag:
             case "none":
-                self.append(sent)
+                self._follow(sent, ripple)
             case "delay":
-                self.append(
-                    Polynomial(sent.t0 + late_s, sent.t1 + late_s, sent.origin + late_s, sent.coefficients)
-                )
+                late = sent.t0 + late_s, sent.t1 + late_s, sent.origin + late_s
+                self._follow(Polynomial(*late, sent.coefficients), ripple)
             case "low-pass":
-                self.append(Smoothed(sent, late_s, self.at(sent.t0)[0]))
+                before = self.segment_at(sent.t0)
+                q0 = before.way.at(sent.t0)[0] if isinstance(before, Rippled) else self.at(sent.t0)[0]
+                self._follow(Smoothed(sent, late_s, q0), ripple)
         return self.end_time
+
+    def _follow(self, way: Polynomial | Smoothed, ripple: Ripple | None) -> None:
+        self.append(way if ripple is None else Rippled(way, ripple))
 
     def _rest_state(self, t: float, decel: float) -> tuple[float, Array]:
         """When and where an arm that brakes from ``t`` on comes to rest; nothing is changed."""

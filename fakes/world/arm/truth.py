@@ -50,6 +50,18 @@ class ServoTruth(Strict):
         default="none",
         description="none: on each set-point at once, whatever the speed slider and the joints' limits",
     )
+    ripple_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.002,
+        description="times a joint's speed: how far it is beside its set-points at most; needs a lag",
+    )
+
+    @model_validator(mode="after")
+    def _follows(self) -> Self:
+        if self.ripple_s and self.lag == "none":
+            raise ValueError("ripple_s needs a lag other than none")
+        return self
 
 
 class ReportedTruth(Strict):

@@ -31,7 +31,7 @@ def truth(lag: Lag) -> ArmTruth:
 def followed(lag: Lag, coefficients: Any, slider: list[tuple[float, float]]) -> tuple[StreamTime, Track]:
     """Pieces of 20 ms that reach 100 ms ahead, for a second; ``slider`` has times and fractions."""
     track, changes = Track(0.0, np.zeros(6)), list(slider)
-    subject = StreamTime(track, truth(lag))
+    subject = StreamTime(track, truth(lag), 7)
     for k in range(50):
         t = 0.02 * k
         while changes and changes[0][0] <= t:
