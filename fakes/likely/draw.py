@@ -6,7 +6,7 @@ import numpy as np
 
 from cell.known_cell import KnownCell
 from fakes.likely.arm import believed, draw_arm, draw_tool
-from fakes.likely.beams import draw_beams
+from fakes.likely.beams import FILTER_S, SCAN_S, draw_beams
 from fakes.likely.belt import draw_belt, draw_gripper
 from fakes.likely.camera import draw_camera
 from fakes.likely.observed import draw_observed
@@ -46,7 +46,8 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
         if known.gripper.place_clear is not None:
-            world["place"] = {"input": known.gripper.place_clear}
+            late = {"filter_s": FILTER_S, "scan_s": SCAN_S}
+            world["place"] = {"input": known.gripper.place_clear, **late}
     if known.rack is not None:
         world["rack"] = draw_rack(known.rack, ArmTruth.model_validate(world["arm"]), seed, rngs["rack"])
     if known.observed is not None:

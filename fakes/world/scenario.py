@@ -50,6 +50,7 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out;
         "auto_exposure",
     ),
     "io": ("filter_s", "scan_s"),
+    "place": ("filter_s", "scan_s"),
     "belt": ("late_s", "jitter_s", "by_events"),
     "gripper": ("close_s", "open_s"),
 }

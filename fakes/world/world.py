@@ -149,7 +149,7 @@ class World:
             self.gripper = Gripper(truth.gripper, self.items or self.rack, self.tool_point)
         self.place: Place | None = None
         if truth.place is not None and self.gripper is not None:
-            self.place = Place(truth.place, self.gripper, self.tool_point)
+            self.place = Place(truth.place, self.gripper, self.tool_point, t0)
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:

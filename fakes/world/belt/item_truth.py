@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from cell.formats.reading import Strict
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Delay = Annotated[float, Field(ge=0, le=1)]
 
 
 class ItemsTruth(Strict):
@@ -48,6 +49,8 @@ class PlaceTruth(Strict):
         description="x, y, z in the base, m, of a light barrier: the tool's point breaks it, too, below z "
         "and within 0.02 m of x, y; absent: only what lies there is seen",
     )
+    scan_s: Delay = Field(default=0.0, description="its module looks once in this time; 0: always")
+    filter_s: Delay = Field(default=0.0, description="a level counts once it has lasted so long")
 
 
 class GripperTruth(Strict):

@@ -14,6 +14,7 @@ from daemon.config import CellConfig
 from daemon.predictions import setup_of
 from fakes.object import run_virtual
 from fakes.world.belt.gripper import Gripper
+from fakes.world.belt.item_truth import PlaceTruth
 from fakes.world.belt.place import Place
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
@@ -79,6 +80,57 @@ async def waits(cell: ObjectCell) -> None:
     assert cell.at_rest()
     assert gripper_of(cell).holds(cell.clock.now()) is not None
     assert above_place(cell) == pytest.approx(np.array([0.0, 0.0, 0.05]), abs=1e-3)
+
+
+class _EmptyHanded:
+    """A gripper that has put nothing down."""
+
+    put_down: tuple[Any, ...] = ()
+
+    def settle(self, t: float) -> None: ...
+
+
+def levels_of(times: np.ndarray, **truth: Any) -> list[bool]:
+    """Of a place with a thing on it from 10 to 12 s, and another from 15 to 15.05 s."""
+    subject = Place(PlaceTruth(carried_off_s=2.0, **truth), _EmptyHanded(), lambda t: np.zeros(3), 9.0)  # type: ignore[arg-type]
+    short = Place(PlaceTruth(carried_off_s=0.05, **truth), _EmptyHanded(), lambda t: np.zeros(3), 9.0)  # type: ignore[arg-type]
+    subject.block(10.0)
+    short.block(15.0)
+    return [subject.is_clear(t) and short.is_clear(t) for t in times]
+
+
+@pytest.mark.parametrize(
+    ("truth", "off"),
+    [
+        ({}, [(10.0, 12.0), (15.0, 15.05)]),
+        ({"filter_s": 0.1}, [(10.1, 12.1)]),
+        ({"filter_s": 0.04}, [(10.04, 12.04), (15.04, 15.09)]),
+        ({"scan_s": 0.3}, [(10.2, 12.0), (15.0, 15.3)]),
+        ({"filter_s": 0.1, "scan_s": 0.3}, [(10.2, 12.3)]),
+    ],
+)
+def test_the_level_is_late_by_filter_and_scan_of_its_module(
+    truth: dict[str, float], off: list[tuple[float, float]]
+) -> None:
+    times = np.arange(9.5, 17.0, 0.02) + 0.003
+    wanted = [not any(since <= t < until for since, until in off) for t in times]
+    assert levels_of(times, **truth) == wanted
+
+
+def test_a_place_whose_module_filters_for_long_is_put_down_on_no_earlier(tmp_path: Path) -> None:
+    async def scene(filter_s: float) -> float:
+        config = config_of(tmp_path, 8.0, picks=2)
+        scenario = tmp_path / "scenario.toml"
+        carried = "carried_off_s = 8.0"
+        text = scenario.read_text("utf-8").replace(carried, f"{carried}\nfilter_s = {filter_s}")
+        scenario.write_text(text, "utf-8")
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            first, second = (down.t for down in gripper_of(cell).put_down)
+            return second - first
+
+    assert run_virtual(scene(0.5)) - run_virtual(scene(0.0)) == pytest.approx(0.5, abs=0.1)
 
 
 def test_each_item_waits_above_the_place_until_the_one_before_is_carried_off(tmp_path: Path) -> None:
