@@ -158,10 +158,10 @@ class EncoderNode:
             self._send(Frame(tpdo.id, tpdo.data(self.shaft.told(t))), t)
 
     def _send_event(self, tpdo: Tpdo, t: float) -> None:
-        """A new position, or the timer: what comes first."""
+        """A new position, or the timer: what comes first. One that ends before the next look ends now."""
         position = self.shaft.raw(t)
         before, at = self._told_by_event
-        if position != before or t - at >= tpdo.period_s - 1e-6:
+        if position != before or t - at + tpdo.inhibit_s > tpdo.period_s + 1e-6:
             self._told_by_event = position, t
             self._send_position(tpdo, t)
 

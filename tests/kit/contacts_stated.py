@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.hand_eye import se3
 from cell.calibrations import belt_scale, time_offset
-from cell.poses import Array, to_pose6
+from cell.poses import Array, from_pose6, to_pose6
 from fakes.object import run_virtual
 from procedures.belt.items import CONTACT
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell
@@ -83,8 +83,8 @@ def stated_run(
 
 
 def _calibrated(cell: ObjectCell, off: Array) -> None:
-    truth, drawn = cell.plant.world.T_mount_camera, cell.config.robot.T_base_camera_nominal
-    pose = to_pose6(truth * RigidTransform.from_matrix(se3.exp(off))).tolist()
+    drawn, truth = cell.config.robot.T_base_camera_nominal, cell.plant.world.truth()["T_base_camera"]
+    pose = to_pose6(from_pose6(truth) * RigidTransform.from_matrix(se3.exp(off))).tolist()
     known = {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV, "budget": []}
     _accept(cell, "T_base_camera", pose, known, drawn)
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cell.poses import to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from fakes.world.scenario import Scenario
@@ -68,16 +67,16 @@ def picking_config(
 async def picking_cell(
     config: CellConfig, clock: VirtualClock | None = None, lens: bool = True
 ) -> AsyncIterator[ObjectCell]:
-    """A cell whose camera is calibrated to a tenth of a millimetre, as a run would have left it: with its
-    ``lens``, or as one of before these were kept."""
+    """A cell whose camera is calibrated to a tenth of a millimetre for the arm as configured, as a run would
+    have left it: with its ``lens``, or as one of before these were kept."""
     async with open_cell(config, clock, JOB) as cell:
-        truth, drawn = cell.plant.world.T_mount_camera, config.robot.T_base_camera_nominal
+        truth, drawn = cell.plant.world.truth()["T_base_camera"], config.robot.T_base_camera_nominal
         found = (
             {"result": {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV, "budget": []}}
             if lens
             else {}
         )
-        row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), found, 0, drawn)
+        row = cell.ledger.propose("T_base_camera", truth, found, 0, drawn)
         on_disk(cell.ledger.accept, row, "test")
         yield cell
 

@@ -71,7 +71,8 @@ class BeltTruth(Strict):
     )
     by_events: bool = Field(
         default=False,
-        description="a new position is told at once, as often as the inhibit time allows (CANopen)",
+        description="a new position is told at once, as often as the inhibit time allows (CANopen); on "
+        "virtual time positions come by period_s",
     )
     keeps_position: bool = Field(default=True, description="after a restart; an incremental one begins at 0")
     origin: Three = Field(default=[0.0, -0.5, 0.2])
