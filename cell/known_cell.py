@@ -151,6 +151,7 @@ class KnownBelt:
     above: Sequence[float]
     speed_m_s: float
     item_heights_m: tuple[float, float]
+    stops: bool = False
     period_s: float = 0.005
     range_counts: int | None = None
 

@@ -33,7 +33,7 @@ class Rehearsal:
     places the target anew at each prompt; ``bumps_tool``: the tool is hit just before the job; after
     ``items`` the job is finished, 0: it ends by itself. ``held``: how a person brings the tool's point over
     corners of the target, which was moved on before. ``calibrated_camera``: a calibration of the fixed
-    camera is in effect before.
+    camera is in effect before; ``measured_camera``: and its delay was measured.
     """
 
     look: str
@@ -50,6 +50,7 @@ class Rehearsal:
     bumps_tool: bool = False
     items: int = 0
     calibrated_camera: bool = False
+    measured_camera: bool = False
     held: "HeldPoint | None" = None
 
 

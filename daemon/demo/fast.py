@@ -33,7 +33,7 @@ from daemon.demo.closing import Row, close_demo
 from daemon.demo.cross_checked import cross_check
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.scenes import DemoScene, give_camera, scenes_of
+from daemon.demo.scenes import DemoScene, give_camera, give_delay, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
 from daemon.health import Beats
@@ -128,6 +128,9 @@ async def _run(
         if any(step.given_camera for step in steps):
             truth, drawn = arm.world.truth(), config.robot.T_base_camera_nominal
             await asyncio.to_thread(give_camera, ledger, truth, drawn)
+        if any(step.given_delay for step in steps):
+            camera = config.robot.roles()["fixed_camera"]
+            await asyncio.to_thread(give_delay, ledger, camera, arm.world.truth())
         began = clock.now()
         runs = []
         for step in steps:

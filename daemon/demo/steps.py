@@ -40,6 +40,7 @@ class Step:
     removes_board: bool = False  # the board is taken away before
     objects: bool = False
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
+    given_delay: bool = False  # how late the twin's fixed camera is counts as measured before
     params: Mapping[str, Any] = field(default_factory=dict)  # of this run, beside its section of the config
     finds_fault: bool = False  # the twin has a fault that it has to find: its verdict should be "fail"
     over_can: bool = False  # the PLC starts it over the encoder's CAN bus, not over Modbus

@@ -105,6 +105,7 @@ def steps_of(cell: RehearsedCell) -> list[Step]:
             held=rehearsal.held,
             part_in_hand=rehearsal.rack is not None and rehearsal.rack.handed,
             given_camera=rehearsal.calibrated_camera,
+            given_delay=rehearsal.measured_camera,
         )
         for job, rehearsal in zip(cell.jobs, cell.rehearsals, strict=True)
     ]

@@ -11,6 +11,8 @@ from cell.usual_delays import ENCODER_JITTER_S, ENCODER_LATE_S
 SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against the arm's base: assumptions
 UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
 SPACING_M = 0.4
+# A person at a belt's switch, and the ramps of its drive: assumptions, those of the demo's delays.
+STOPS = {"every_s": [1.0, 3.0], "held_s": [0.3, 1.0], "accel_m_s2": [0.3, 1.2]}
 MOVES_S = (0.2, 0.6)  # of grippers with two fingers
 # Of the time after which one counts as closed, as its section says, where nothing confirms it: an assumption.
 WITHIN = (0.7, 1.0)
@@ -34,6 +36,7 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
             "period_s": known.period_s,
             **({} if known.range_counts is None else {"modulus": min(known.range_counts, MOST_COUNTS)}),
             "profile": [{"speed_m_s": known.speed_m_s}],
+            **({"stops": STOPS} if known.stops else {}),
         },
         "items": {
             "height_m": [low + 0.25 * (high - low), high - 0.25 * (high - low)],

@@ -24,8 +24,8 @@ def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
     look, q = joints(setup, job.wait_pose)
     return Rehearsal(
         look,
-        camera=_camera(setup, q),
-        belt=_belt(setup, q, job.belt_z_m, job.items),
+        camera=camera_above(setup, q),
+        belt=belt_below(setup, q, job.belt_z_m, job.items),
         gripper=known,
         items=job.picks or PICKS,
         before=(CALIBRATION,) if calibrated else (),
@@ -42,8 +42,8 @@ def rehearse_calibration(setup: Setup, job: BeltCalibrationConfig) -> Rehearsal:
     look, q = joints(setup, None if picking is None else picking.wait_pose)
     return Rehearsal(
         look,
-        camera=_camera(setup, q),
-        belt=_belt(setup, q, job.belt_z_m, job.items),
+        camera=camera_above(setup, q),
+        belt=belt_below(setup, q, job.belt_z_m, job.items),
         calibrated_camera=True,
     )
 
@@ -52,7 +52,7 @@ def _by_camera(job: BeltCalibrationConfig) -> bool:
     return job.source == "camera" and job.belt_z_m is not None
 
 
-def _camera(setup: Setup, q: list[float]) -> KnownCamera:
+def camera_above(setup: Setup, q: list[float]) -> KnownCamera:
     """The camera above the belt; the board that it was calibrated with hangs out of its sight."""
     names = list(setup.values.targets)
     if not names:
@@ -70,7 +70,8 @@ def _camera(setup: Setup, q: list[float]) -> KnownCamera:
     )
 
 
-def _belt(setup: Setup, q: list[float], z_m: float, items: ItemLook) -> KnownBelt:
+def belt_below(setup: Setup, q: list[float], z_m: float, items: ItemLook, stops: bool = False) -> KnownBelt:
+    """The belt under the tool with the arm at joints ``q`` (6,) rad, its surface at ``z_m`` in the base."""
     if setup.values.belt is None:
         raise cannot("[robot] belt_nominal is missing, around which the twin's belt would be drawn; give it")
     tool = from_pose6(setup.values.tool["T_flange_tool"])
@@ -84,6 +85,7 @@ def _belt(setup: Setup, q: list[float], z_m: float, items: ItemLook) -> KnownBel
         above=[float(v) for v in above],
         speed_m_s=SPEED_M_S,
         item_heights_m=(items.min_height_m, items.max_height_m),
+        stops=stops,
         period_s=getattr(encoder, "period_s", KnownBelt.period_s),
         range_counts=getattr(encoder, "range_counts", None) or (1 << bits if bits else None),
     )

@@ -1,9 +1,12 @@
-"""A latency calibration on a twin: of beams, as every crossing, or of a camera that sees a target."""
+"""A latency calibration on a twin: of beams, as every crossing, of a camera that sees a target, or of the
+encoder of a belt that somebody starts and stops."""
 
 from cell.known_cell import KnownCamera
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.rehearsal import belt_below, camera_above
 from procedures.laser.rehearsal import rehearse_measurement
 from procedures.latency.config import LatencyCalibrationConfig
-from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, pictures, target
+from procedures.rehearsal import Rehearsal, joints, needed, nominal, pictures, target
 from procedures.setup import Setup
 
 DISTANCE_M = 0.5  # from camera to target, where the configuration does not tell it
@@ -14,7 +17,7 @@ def rehearse_delay(setup: Setup, job: LatencyCalibrationConfig) -> Rehearsal:
     if job.source == "beams":
         return rehearse_measurement(setup, job)
     if job.source == "belt":
-        raise cannot("nobody starts and stops the belt of a twin that is made for a rehearsal")
+        return _of_encoder(setup, job)
     fixed = job.source == "fixed_camera"
     needed(setup, "arm", job.source)
     look, q = joints(setup, job.pose)
@@ -30,3 +33,17 @@ def rehearse_delay(setup: Setup, job: LatencyCalibrationConfig) -> Rehearsal:
         **stated,
     )
     return Rehearsal(look, camera=camera)
+
+
+def _of_encoder(setup: Setup, job: LatencyCalibrationConfig) -> Rehearsal:
+    """The camera's own delay counts as measured before, as well as a run of this job leaves it known."""
+    needed(setup, "arm", "fixed_camera", "belt")
+    picking = setup.job(BeltTrackingConfig)
+    look, q = joints(setup, None if picking is None else picking.wait_pose)
+    return Rehearsal(
+        look,
+        camera=camera_above(setup, q),
+        belt=belt_below(setup, q, job.belt_z_m or 0.0, job.items, stops=True),
+        calibrated_camera=True,
+        measured_camera=True,
+    )

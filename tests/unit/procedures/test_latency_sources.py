@@ -10,11 +10,11 @@ import pytest
 
 from cell.calibrations import time_offset
 from cell.devices import Intrinsics
-from cell.errors import CellError
 from cell.run_values import RunValues
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from daemon.rehearsal.objects import rehearsed_cell
+from daemon.rehearsal.play import rehearse
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.latency.camera import FixedCamera, FlangeCamera
@@ -237,7 +237,7 @@ def test_what_the_job_cannot_do_with_is_refused_in_one_sentence(tmp_path: Path) 
     run_virtual(main())
 
 
-def test_a_twin_for_a_rehearsal_has_the_camera_and_its_target_and_none_for_a_belt(tmp_path: Path) -> None:
+def test_a_twin_for_a_rehearsal_has_the_camera_and_its_target(tmp_path: Path) -> None:
     config, out = late_cell(tmp_path), tmp_path / "out"
     out.mkdir()
     subject = rehearsed_cell(config, tmp_path / "cell.toml", JOB, 1, out)
@@ -246,6 +246,15 @@ def test_a_twin_for_a_rehearsal_has_the_camera_and_its_target_and_none_for_a_bel
     assert world.camera.T_base_camera is not None
     assert world.target is not None
     assert subject.rehearsals[-1].look == "show"
-    config = late_cell(tmp_path, **BELT, belt_z_m=0.15)
-    with pytest.raises(CellError, match="nobody starts and stops the belt"):
-        rehearsed_cell(config, tmp_path / "cell.toml", JOB, 1, out)
+
+
+def test_the_delay_of_an_encoder_is_rehearsed_on_a_belt_that_stops(tmp_path: Path) -> None:
+    job = {"changes": 8, "sightings": 60, "belt_z_m": 0.15, "source": "belt"}
+    config, out = late_cell(tmp_path, **job), tmp_path / "out"
+    out.mkdir()
+    outcome = rehearse(config, tmp_path / "cell.toml", JOB, 1, out)
+    world = Scenario.load(out / "scenario.toml").world
+    assert world.belt is not None
+    assert world.belt.stops is not None
+    assert (outcome.ended, outcome.good) == ("complete", True), outcome.why
+    assert outcome.off
