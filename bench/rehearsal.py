@@ -3,12 +3,12 @@
 ``python -m bench.rehearsal [TWINS] [JOB ...] [--first SEED] [--keep FILE]`` (10 twins, all jobs). A row a
 job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
 for them, with the exact 95 % interval of that share, the cell's time, the computer's (its processor's), and
-the longest time that a person waits. Below it are the twins that took more than the minute that a rehearsal
-may take, those in which it did not end well, and those outside: each error there in units of its limit. The
-cell is ``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets
-alone, and a section of iso9283.
-With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all twins in the
-file.
+the longest time that a person waits. Below it are each error beside the 95 % limit stated for it (both RMS
+over the twins), the twins that took more than the minute that a rehearsal may take, those in which it did
+not end well, and those outside: each error there in units of its limit. The cell is ``deploy/cell.toml``
+with every part that is commented out there, its palletizer for corrected-targets alone, and a section of
+iso9283. With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all
+twins in the file.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from scipy.special import betaincinv
 
 from daemon.config import load_config
@@ -125,6 +126,11 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
     for seed, wall_s in sorted(waited.items()):
         if wall_s > MINUTE_S:
             yield f"    twin {seed}: MORE THAN A MINUTE, {wall_s:.0f} s"
+    for name in dict.fromkeys(name for o in outcomes for name in o.limits95):
+        of = [(o.of95[name], *o.limits95[name]) for o in outcomes if name in o.limits95]
+        off, stated95 = (_rms(v) for v in zip(*((share * size, size) for share, size, _ in of), strict=True))
+        unit = {"m": "mm", "rad": "mrad", "s": "ms"}[of[0][2]]
+        yield f"    {name}: {1e3 * off:.4f} {unit} off (RMS), {1e3 * stated95:.4f} {unit} stated (95 %, RMS)"
     for outcome in outcomes:
         if not outcome.succeeded:
             why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"
@@ -132,6 +138,10 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
         if outcome.inside95 is False:
             errors = ", ".join(f"{name} {share:.2f}" for name, share in outcome.of95.items())
             yield f"    twin {outcome.seed}: outside; of the 95 % limits: {errors}"
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def exact_interval(inside: int, of: int) -> tuple[float, float]:

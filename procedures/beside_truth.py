@@ -19,7 +19,8 @@ class Judged:
     """A result beside the truth: ``stated`` by the job, ``off`` the truth, and the whole comparison.
 
     ``inside95``: whether each error is below the 95 % limit stated for it; None where none is stated.
-    ``of95``: each error, by its name, in units of that limit.
+    ``of95``: each error, by its name, in units of that limit, and ``limits95`` the limits that have a unit:
+    size and "m", "rad" or "s".
     """
 
     good: bool
@@ -28,6 +29,7 @@ class Judged:
     off: str
     inside95: bool | None = None
     of95: Mapping[str, float] = field(default_factory=dict)
+    limits95: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 def limit_of_worst(n: int, degrees: int = 3, *, sure: bool = False) -> float:

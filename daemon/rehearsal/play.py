@@ -27,10 +27,10 @@ class RehearsedRun:
     """How a job ended in one twin; ``ended`` is ``NOT_STARTED`` where what comes first kept it from starting.
 
     ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
-    far the result is from the twin's truth; ``good`` whether the two agree, ``inside95`` whether
-    each error is below the 95 % limit that was stated, None where none was, and ``of95`` each error in units
-    of that limit. Of a kind that no truth can judge ``good`` is None, and there are ``expected``, what was
-    predicted, and ``told``, the result in words.
+    far the result is from the twin's truth; ``good`` whether the two agree, ``inside95`` whether each error
+    is below the 95 % limit that was stated, None where none was, and ``of95`` each error in units of that
+    limit; ``limits95`` are those limits that have a unit, with it. Of a kind that no truth can judge ``good``
+    is None, and there are ``expected``, what was predicted, and ``told``, the result in words.
     ``lost`` are poses and passes that fell out, with the reason; ``report`` is a file. ``not_in_twin`` are
     keys of the cell's devices that the twin does not have.
     """
@@ -44,6 +44,7 @@ class RehearsedRun:
     good: bool | None = False
     inside95: bool | None = None
     of95: dict[str, float] = field(default_factory=dict)
+    limits95: dict[str, tuple[float, str]] = field(default_factory=dict)
     expected: str = ""
     told: list[str] = field(default_factory=list)
     why: list[str] = field(default_factory=list)
@@ -133,6 +134,7 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
         good=None if told is not None else judged is not None and judged.good,
         inside95=None if judged is None else judged.inside95,
         of95={} if judged is None else dict(judged.of95),
+        limits95={} if judged is None else dict(judged.limits95),
         told=told or [],
         why=[str(reason) for reason in result.get("reasons") or ()],
         lost=_lost(run.read_journal()),

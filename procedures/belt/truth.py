@@ -14,6 +14,7 @@ from procedures.beside_truth import SURE_SCALAR, SURE_TILT, Judged, all_inside
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
+LARGEST = "the largest contact"
 
 
 def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: Path) -> Judged:
@@ -70,7 +71,7 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
     told, off_text = f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
-    inside95, of95 = None, {}
+    inside95, of95, limits95 = None, {}, {}
     if (stated := result.result.contact_95_m) is not None and len(met):
         within = int(np.sum(total <= stated))
         without = "".join(f"; without {what}" for what in result.result.contact_95_without or ())
@@ -79,5 +80,6 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         told += f", contact within {1e3 * stated:.3f} mm (95 %{', not all covered' if without else ''})"
         off_text += f", {within} of {len(met)} within"
         inside95 = bool(bdtr(within, len(met), 0.95) > 0.05)  # no fewer than chance lets
-        of95 = {f"the largest of {len(met)} contacts": float(total.max()) / stated}
-    return Judged(good, "\n".join(text), told, off_text, inside95, of95)
+        of95 = {LARGEST: float(total.max()) / stated}
+        limits95 = {LARGEST: (stated, "m")}
+    return Judged(good, "\n".join(text), told, off_text, inside95, of95, limits95)

@@ -64,7 +64,9 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
     if result.result.arm is not None and result.result.robot is not None:
         configured = read_json(folder / CAPTURE_FILE)["robot"]
         arm = judge_corrected(result.result.arm, result.result.robot, truth["robot"], configured)
-    text, of95 = judgement_text(judgement, result.result), _of95(result, off)
+    text, limits95 = judgement_text(judgement, result.result), _limits95(result)
+    sizes = {"translation": float(np.linalg.norm(off[:3])), "rotation": float(np.linalg.norm(off[3:]))}
+    of95 = {name: sizes[name] / limit for name, (limit, _) in limits95.items()}
     return Judged(
         judgement.good and (arm is None or arm.good),
         text if arm is None else f"{text}\n{arm.text}",
@@ -72,16 +74,14 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
         _size_text(off),
         all_inside(of95),
         of95,
+        limits95,
     )
 
 
-def _of95(result: HandEyeResult, off: Array) -> dict[str, float]:
-    """Translation and rotation in units of what is stated of them; nothing where nothing is."""
+def _limits95(result: HandEyeResult) -> dict[str, tuple[float, str]]:
+    """What is stated of translation and rotation; nothing where nothing is."""
     t95, r95 = result.uncertainty.error95_t_m, result.uncertainty.error95_r_rad
-    if t95 is None or r95 is None:
-        return {}
-    t, r = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
-    return {"translation": t / t95, "rotation": r / r95}
+    return {} if t95 is None or r95 is None else {"translation": (t95, "m"), "rotation": (r95, "rad")}
 
 
 def judge_corrected(

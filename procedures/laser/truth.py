@@ -53,7 +53,8 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
     stated = f"U95 {1e3 * U:.3f} mm, {degrees(U_tilt):.3f} deg"
     off_text = f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg"
     of95 = {"point": apart / U, "tilt": tilt / U_tilt}
-    return Judged(good, "\n".join(text), stated, off_text, not beyond, of95)
+    limits95 = {"point": (U, "m"), "tilt": (U_tilt, "rad")}
+    return Judged(good, "\n".join(text), stated, off_text, not beyond, of95, limits95)
 
 
 def _beyond(beyond: bool) -> str:
@@ -101,6 +102,7 @@ def judge_beams(result: ReferenceResult, truth: Mapping[str, Any], folder: Path)
         f"{1e3 * worst:.3f} mm",
         worst <= result.uncertainty.U_point_m,
         {"the worse beam": worst / result.uncertainty.U_point_m},
+        {"the worse beam": (result.uncertainty.U_point_m, "m")},
     )
 
 

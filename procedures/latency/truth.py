@@ -28,6 +28,7 @@ def judge_delay(result: LatencyResult, truth: Mapping[str, Any], folder: Path) -
         f"{1e3 * abs(off):.3f} ms",
         abs(off) <= half,
         {"delay": abs(off) / half},
+        {"delay": (half, "s")},
     )
 
 

@@ -22,8 +22,9 @@ def judge_slot(result: SlotResult, truth: Mapping[str, Any], folder: Path) -> Ju
     off = min(_beside(T_slot, from_pose6(part)) for part in rack["parts"])
     predicted = answer.budget.predicted_95_m
     text = f"the part is {mm(off)} beside the middle of slot {answer.slot}, predicted {mm(predicted)} (95 %)"
-    of95 = {"beside the middle": off / predicted}
-    return Judged(off <= SURE_TILT * predicted, text, mm(predicted), mm(off), off <= predicted, of95)
+    good, name = off <= SURE_TILT * predicted, "beside the middle"
+    of95, limits95 = {name: off / predicted}, {name: (predicted, "m")}
+    return Judged(good, text, mm(predicted), mm(off), off <= predicted, of95, limits95)
 
 
 def _beside(T_base_slot: RigidTransform, T_base_part: RigidTransform) -> float:

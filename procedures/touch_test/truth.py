@@ -39,4 +39,5 @@ def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> 
     )
     stated = f"off by {mm(answer.shift_m)} +- {mm(of.shift_95_m)} (95 %)"
     of95 = {"shift": shift / of.shift_95_m, "turn": turn / of.turn_95_rad}
-    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", all_inside(of95), of95)
+    limits95 = {"shift": (of.shift_95_m, "m"), "turn": (of.turn_95_rad, "rad")}
+    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", all_inside(of95), of95, limits95)
