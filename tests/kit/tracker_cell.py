@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6
 from daemon.config import CellConfig
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.tracker.judging import places
+from procedures.twin_arm import observed_flange
 from tests.kit.object_cell import write_config
 
 JOB = "tracker-sampling"
@@ -93,11 +95,13 @@ def true_errors(world: World, result: Mapping[str, Any], Q: Array, reflector: st
     The truth is the twin's own kinematics; no noise is in it.
     """
     truth = world.config.reflectors[reflector]
-    arm = world.true if truth.on == "arm" else world.observed.true  # type: ignore[union-attr]
-    flange = arm.forward if truth.on == "arm" else arm.flange  # type: ignore[union-attr]
     assert world.tracker is not None
     stand = world.tracker.stand.at(world.t0)
-    true = np.array([stand.inv().apply(flange(q).apply(truth.point)) for q in Q])
+    if truth.on == "arm":
+        flange = world.true.forward(Q)
+    else:  # gears and weight of an observed arm turn its joints, too
+        flange = RigidTransform.from_matrix(observed_flange(world.truth()["observed"], Q))
+    true = stand.inv().apply(flange.apply(truth.point))
     samples = [{"q": q.tolist(), "target": reflector} for q in Q]
     answer = result["result"]
     predicted = from_pose6(answer["T_tracker_base"]).apply(places(answer["robot"], samples))

@@ -48,7 +48,7 @@ def test_an_arm_comes_from_millimetres_to_fifty_micrometres_on_the_wire(name: st
     accuracy = result["result"]["absolute_accuracy"]
     assert low < accuracy["before"] < high
     elsewhere = np.random.default_rng(8).uniform(Q.min(axis=0), Q.max(axis=0), (150, Q.shape[1]))
-    off = rms(true_errors(World.from_scenario(Scenario.load(name)), result, elsewhere))
+    off = rms(true_errors(World.from_scenario(Scenario.load(f"{name}:ideal")), result, elsewhere))
     read, own = accuracy["after"], result["heldout"]["tracker_3d"]
     print(
         f"{name}: {1e3 * accuracy['before']:.3f} mm before; {1e3 * off:.4f} mm off the truth, "

@@ -156,6 +156,17 @@ def test_no_shipped_gripper_closes_at_once(name: str) -> None:
     assert gripper is None or min(gripper.close_s, gripper.open_s) >= 0.2
 
 
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_no_shipped_cell_has_a_model_that_is_quite_true(name: str) -> None:
+    world = Scenario.load(name).world
+    arm = world.observed or world.arm  # beside an observed arm the other one is parked
+    assert arm.error != type(arm.error)()
+    assert arm.joint_errors != JointErrorsTruth()
+    if world.camera is not None:
+        assert world.camera.told != ToldTruth()
+        assert world.target_print != PrintTruth()
+
+
 def test_a_twin_of_an_arm_whose_speeds_nobody_published_needs_those_of_its_controller() -> None:
     truth = Scenario.load("hand_eye:ideal").world
     arm = truth.arm.model_copy(update={"model": "ur8long"})
