@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from calibration.hand_eye import se3
 from cell.calibrations import belt_scale, time_offset
 from cell.poses import Array, from_pose6, to_pose6
+from cell.usual_delays import ARM_LATE_S, CAMERA, ENCODER_LATE_S
 from fakes.object import run_virtual
 from procedures.belt.items import CONTACT
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell
@@ -43,15 +44,23 @@ class StatedRun:
 
 
 def stated_run(
-    folder: Path, seed: int, world: dict[str, str], job: dict[str, Any], seconds: float
+    folder: Path,
+    seed: int,
+    world: dict[str, str],
+    job: dict[str, Any],
+    seconds: float,
+    measured: bool = True,
 ) -> StatedRun:
     """Pick for ``seconds`` in the shipped ``picking`` with ``world`` in place of its lines. Camera, belt and
-    delays were calibrated, and each is off by what ``seed`` draws from the uncertainty that it states."""
+    delays were calibrated, and each is off by what ``seed`` draws from the uncertainty that it states.
+
+    Where no delay was ``measured``, camera and encoder are as late as such devices usually are, and the arm
+    as well: the twin's own stamps are true, so those of the other two are as much earlier."""
     rng = np.random.default_rng([seed, 0xC0])
     camera_off = rng.multivariate_normal(np.zeros(6), CAMERA_COV)
     scale, turn = SCALE * rng.standard_normal(), TURN_RAD * rng.standard_normal()
-    late_s = DELAY_S * rng.standard_normal()
-    lines = {"seed": str(seed), "stamp_late_s": str(late_s), **world}
+    late = {"stamp_late_s": str(DELAY_S * rng.standard_normal())} if measured else _usual(rng)
+    lines = {"seed": str(seed), **late, **world}
     config = picking_config(folder, job, lines, real=True, as_shipped=True)
     found = StatedRun()
 
@@ -66,7 +75,8 @@ def stated_run(
             stated = {"m_per_count_95": [m - half, m + half], "dir_95_rad": _SIGMAS95 * TURN_RAD}
             _accept(cell, belt_scale("belt"), {"m_per_count": m, "dir": way}, stated, nominal)
             half = _SIGMAS95 * DELAY_S
-            _accept(cell, time_offset("camera"), 0.0, {"interval95_s": [-half, half]}, 0.0)
+            if measured:
+                _accept(cell, time_offset("camera"), 0.0, {"interval95_s": [-half, half]}, 0.0)
             run_id = await cell.start()
             end = cell.clock.now() + seconds
             while cell.engine.active and cell.clock.now() < end:
@@ -80,6 +90,14 @@ def stated_run(
 
     run_virtual(scene())
     return found
+
+
+def _usual(rng: np.random.Generator) -> dict[str, str]:
+    """How late stamps are that nobody measured, against the arm's; no encoder of a twin is early."""
+    arm = rng.uniform(*ARM_LATE_S)
+    camera = CAMERA.sigma_s * rng.standard_normal() - arm
+    encoder = max(rng.uniform(*ENCODER_LATE_S) - arm, 0.0)
+    return {"stamp_late_s": str(camera), "late_s": str(encoder)}
 
 
 def _calibrated(cell: ObjectCell, off: Array) -> None:

@@ -135,3 +135,20 @@ def test_contacts_of_a_camera_that_exposes_by_itself_are_within_what_their_recor
     assert max(contact.r95_m for contact in run.contacts) < 1.5e-3
     assert answer["contact_95_shares"]["sightings"] > 0.3
     assert "the arm's own accuracy, which was not measured" in answer["contact_95_without"]
+
+
+def test_contacts_of_a_cell_without_measured_delays_are_within_what_their_records_state(
+    tmp_path: Path,
+) -> None:
+    run = stated_run(tmp_path, 2, {"spacing_m": "0.25"}, {"dwell_s": 0.05}, 11.0, measured=False)
+    assert run.outcome == "complete"
+    assert len(run.contacts) >= 3
+    assert sum(contact.inside for contact in run.contacts) >= len(run.contacts) - 1
+    answer = run.answer
+    assert answer["camera_delay_95_s"] is None
+    assert answer["contact_95_shares"]["delays"] > 0.1
+    assert [text.split(" stamps")[0] for text in answer["contact_95_assumed"]] == [
+        "the delay of the camera's",
+        "the delay of the encoder's",
+    ]
+    assert not any("delay" in text for text in answer["contact_95_without"])
