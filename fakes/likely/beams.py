@@ -1,5 +1,6 @@
 """Crossed beams on the way that the configuration gives the tool, and the module that reads them."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from cell.known_cell import KnownBeam, KnownCell
 from cell.poses import Array
 from fakes.likely.arm import tool_point
 from fakes.world.arm.kinematics import Chain
+from fakes.world.beams.truth import CHANNELS
 
 TILT_RAD = 0.002  # of a bracket that was made with a level
 GAP_M = 0.0005  # in height, between the two
@@ -38,12 +40,20 @@ def draw_beams(known: KnownCell, arm: Chain, rng: np.random.Generator) -> dict[s
         },
         "io": {
             "serial": SERIAL,
-            "inputs": {name: beam.channel for name, beam in told.beams.items()},
+            "inputs": _channels(told.beams),
             "filter_s": FILTER_S if told.filter_s is None else told.filter_s,
             "counters": told.counters,
             "scan_s": SCAN_S,
         },
     }
+
+
+def _channels(beams: Mapping[str, KnownBeam]) -> dict[str, int]:
+    """Those of the section; the first ones where a module has more than that of a twin."""
+    channels = {name: beam.channel for name, beam in beams.items()}
+    if max(channels.values()) < CHANNELS["generic"]:
+        return channels
+    return {name: number for number, name in enumerate(beams)}
 
 
 def _beam(beam: KnownBeam, start: Array, height: float, rng: np.random.Generator) -> dict[str, Any]:

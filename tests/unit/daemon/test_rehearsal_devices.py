@@ -216,6 +216,13 @@ def test_there_is_a_case_of_each_key_that_is_taken_over() -> None:
     assert taken == {(case.role, case.key) for case in CASES}
 
 
+def test_inputs_of_a_large_module_have_a_twin_too(tmp_path: Path) -> None:
+    large = {MODULE: 'module = "WAGO-750" ', "ys = { address = 1": "ys = { address = 40"}
+    io = present(world_of(tmp_path, "laser-check", large).io, "io")
+    assert io.inputs == {"xs": 0, "ys": 1}
+    assert not io.counters
+
+
 def test_a_small_camera_without_depth_sees_the_same_sight_in_fewer_pixels(tmp_path: Path) -> None:
     small = {CAMERA: f"{CAMERA}width = 640\nheight = 400\ndepth = false\n"}
     usual, camera = (
