@@ -25,6 +25,8 @@ _MEAN, _SD = np.sqrt(8.0 / np.pi), np.sqrt(3.0 - 8.0 / np.pi)  # of the length o
 _RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
 _DRIFT_CHANCE = 1e-3
 _LEAST_FOR_DRIFT = 6
+_LEAST_FOR_RP = 5
+_SD_LOG_RP = 0.505  # of the logarithm of RP, times the root of the number of normal places: simulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +106,23 @@ def repeatability_of(sigma_m: float) -> float:
 
 def _interval(points: Array) -> tuple[float, float] | None:
     """95 % of the RP that more arrivals would show: the jackknife of its logarithm (Quenouille 1956, Tukey
-    1958), bias taken off. None of fewer than three places, or where none moved."""
+    1958), bias taken off, and no narrower than for normal places that scatter alike along all axes.
+
+    Places that are close together by chance have a small RP and a small jackknife both: by it alone 93 % of
+    intervals of 30 places held the true RP, and at the worst of five poses 89 %. With this bound 96 and 97 %
+    do; where places scatter along two axes 94 %, along one 92 % (6000 simulated tests each). None of fewer
+    than five places, of which 78 % of three did, or where none moved.
+    """
     n, whole = len(points), repeatability(points)
-    if n < 3 or whole <= 0.0:
+    if n < _LEAST_FOR_RP or whole <= 0.0:
         return None
     without = np.array([repeatability(np.delete(points, k, axis=0)) for k in range(n)])
     if np.min(without) <= 0.0:
         return None
     logs = np.log(without)
     middle = n * np.log(whole) - (n - 1) * logs.mean()
-    half = stdtrit(n - 1, 0.975) * np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2))
+    sigma = max(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)), _SD_LOG_RP / np.sqrt(n))
+    half = stdtrit(n - 1, 0.975) * sigma
     return float(np.exp(middle - half)), float(np.exp(middle + half))
 
 
