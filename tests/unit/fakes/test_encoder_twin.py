@@ -26,9 +26,13 @@ def test_a_position_is_older_than_its_message_by_less_than_the_jitter_and_two_lo
     assert subject.told(1.234) == subject.told(1.234)
 
 
-@pytest.mark.parametrize(("speed", "least_s"), [(1000.0, INHIBIT_S), (0.0, TIMER_S)])
+@pytest.mark.parametrize(
+    ("speed", "timer_s", "least_s"),
+    [(1000.0, TIMER_S, INHIBIT_S), (0.0, TIMER_S, TIMER_S), (0.0, 0.006, INHIBIT_S)],
+    ids=["moving", "standing", "standing, the timer just behind the inhibit time"],
+)
 def test_a_new_position_is_told_as_soon_as_the_inhibit_time_allows_and_an_old_one_by_the_timer(
-    speed: float, least_s: float
+    speed: float, timer_s: float, least_s: float
 ) -> None:
     heard: list[float] = []
 
@@ -38,7 +42,7 @@ def test_a_new_position_is_told_as_soon_as_the_inhibit_time_allows_and_an_old_on
         node = EncoderNode(bus, NODE, SERIAL, TestShaft(speed), time.monotonic, by_events=True)
         node.power_on()
         tpdo = node._tpdos[0]
-        tpdo.inhibit, tpdo.timer_ms = round(1e4 * INHIBIT_S), round(1e3 * TIMER_S)
+        tpdo.inhibit, tpdo.timer_ms = round(1e4 * INHIBIT_S), round(1e3 * timer_s)
         port.send(Frame(0, bytes([1, NODE])), time.monotonic())
         await asyncio.sleep(0.15)
         node.power_off()
