@@ -103,6 +103,8 @@ def write_config(scene: DemoScene, folder: Path, ideal: bool = False) -> Path:
     text = files("daemon.demo").joinpath(f"fast_{scene.twin}.toml").read_text("utf-8")
     if ideal:
         text = re.sub(r'^(scenario = "[^"]*)"$', r'\1:ideal"', text, flags=re.MULTILINE)
+        # The stored set is of the arm with gears and sag: one without is measured at as many poses by itself.
+        text = re.sub(r"^poses = \d+\nwith_set = .*$", "poses = 40", text, flags=re.MULTILINE)
     path = folder / "fast.toml"
     path.write_text(text.replace("@FOLDER@", str(folder)), "utf-8")
     return path

@@ -305,6 +305,10 @@ def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: DemoScene, 
     kind = tomllib.loads(write_config(scene, tmp_path, ideal=True).read_text("utf-8"))
     for section in subject["device"].values():
         section["scenario"] += ":ideal"
+    if scene.twin == "tracker":  # the stored set is of the arm with gears and sag
+        sampling = subject["job"]["tracker-sampling"]
+        del sampling["with_set"]
+        sampling["poses"] = 40
     assert kind == subject
 
 
