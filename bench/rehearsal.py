@@ -3,12 +3,12 @@
 ``python -m bench.rehearsal [TWINS] [JOB ...] [--first SEED] [--keep FILE]`` (10 twins, all jobs). A row a
 job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
 for them, with the exact 95 % interval of that share, the cell's time, the computer's (its processor's), and
-the longest time that a person waits. Below it are each error beside the 95 % limit stated for it (both RMS
-over the twins), the twins that took more than the minute that a rehearsal may take, those in which it did
-not end well, and those outside: each error there in units of its limit. The cell is ``deploy/cell.toml``
-with every part that is commented out there, its palletizer for corrected-targets alone, and a section of
-iso9283. With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all
-twins in the file.
+the longest time that a person waits. Below it are each error that has a limit with a unit beside that limit
+(both RMS over the twins), the twins that took more than the minute that a rehearsal may take, those in
+which it did not end well, and those outside: each error there in units of its limit. The cell is
+``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets
+alone, and a section of iso9283. With ``--keep FILE`` a bench that was ended goes on where it was, and the
+table is made of all twins in the file.
 """
 
 import argparse

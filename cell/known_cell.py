@@ -36,7 +36,7 @@ class KnownPictures:
     row_time_s: float | None = None
     depth: bool = True
     stereo_height: int = 400
-    stereo_subpixel_bits: int = 3
+    stereo_subpixel_bits: int | None = None  # three, as the device has them by itself
     lens: KnownLens | None = None
 
 

@@ -44,12 +44,12 @@ class Twin(Protocol):
 @dataclass(frozen=True)
 class RehearsedCell:
     """The cell of objects that ``jobs`` run in, one after the other, each as its own of ``rehearsals`` has
-    it; the last one is rehearsed. ``without``: what sections of devices say and the twin does not have."""
+    it; the last one is rehearsed. ``missing``: what sections of devices say and the twin does not have."""
 
     config: CellConfig
     jobs: tuple[str, ...]
     rehearsals: tuple[Rehearsal, ...]
-    without: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
 
 
 def rehearsed_cell(
@@ -90,8 +90,8 @@ def rehearsed_cell(
     roles = _roles_of(config, jobs)
     tables = _with_objects(config, raw, jobs, roles, on_flange, twin, folder)
     made = check_config(tables, Findings(f"the twin of {path}"), JOBS, DRIVERS, path)
-    without = tuple(not_in_twin(roles, config.device))
-    return RehearsedCell(made, jobs, (*before, rehearsal), without)
+    missing = tuple(not_in_twin(roles, config.device))
+    return RehearsedCell(made, jobs, (*before, rehearsal), missing)
 
 
 def rehearsal_reference(job: str) -> str:

@@ -68,7 +68,7 @@ def rehearse(
     A job that the twin refuses is an outcome. Errors as of ``rehearsed_cell``.
     """
     cell = rehearsed_cell(config, path, job, seed, folder, tool)
-    return replace(_played(config, cell, job, seed, tool), not_in_twin=list(cell.without))
+    return replace(_played(config, cell, job, seed, tool), not_in_twin=list(cell.missing))
 
 
 def _played(config: CellConfig, cell: RehearsedCell, job: str, seed: int, tool: str | None) -> RehearsedRun:

@@ -15,7 +15,9 @@ class OakConfig(Strict):
 
     source: str = Field("oak", description=f'"oak" or "{FRAMES_SCHEME}/path/to/socket"')
     host: str | None = Field(
-        None, description="address of an OAK on a network; without DHCP it has 169.254.1.222 (Luxonis)"
+        None,
+        min_length=1,
+        description="address of an OAK on a network; without DHCP it has 169.254.1.222 (Luxonis)",
     )
     expect_serial: str | None = Field(None, description="refuse another device; picks one of several OAKs")
     width: int = Field(
@@ -52,8 +54,8 @@ class OakConfig(Strict):
     stereo_height: Literal[400, 720, 800] = Field(
         400, description="of the pictures that are matched: 640 x 400, 1280 x 720 or 1280 x 800 pixels"
     )
-    stereo_subpixel_bits: Literal[3, 4, 5] = Field(
-        3, description="steps of a pixel's disparity are 2 to this power"
+    stereo_subpixel_bits: Literal[3, 4, 5] | None = Field(
+        None, description="steps of a pixel's disparity are 2 to this power; absent: the preset's, else 3"
     )
     stereo_median: Literal["off", "3x3", "5x5", "7x7"] | None = Field(
         None, description="median filter of disparity; absent: the preset's"
@@ -87,8 +89,18 @@ class OakConfig(Strict):
         return self
 
     @model_validator(mode="after")
+    def _heeded(self) -> Self:
+        """A key that nothing would go by is a mistake."""
+        of_pair = sorted(key for key in self.model_fields_set if key.startswith("stereo_"))
+        if of_pair and not self.depth:
+            raise ValueError(f"depth = false has no use for {of_pair[0]}: leave out one of them")
+        if self.host is not None and self.source != "oak":
+            raise ValueError('host is the address of an OAK: leave it out, or give source = "oak"')
+        return self
+
+    @model_validator(mode="after")
     def _median_of_three_bits(self) -> Self:
-        if self.stereo_subpixel_bits != 3 and self.stereo_median not in (None, "off"):
+        if self.stereo_subpixel_bits not in (None, 3) and self.stereo_median not in (None, "off"):
             raise ValueError(
                 "the device's median filter works on 3 subpixel bits: leave out stereo_median or "
                 "stereo_subpixel_bits"

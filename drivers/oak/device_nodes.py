@@ -114,10 +114,11 @@ def _match(stereo: Any, config: OakConfig) -> None:
         stereo.setDefaultProfilePreset(getattr(dai.node.StereoDepth.PresetMode, config.stereo_preset.upper()))
     stereo.setLeftRightCheck(True)
     stereo.setSubpixel(True)
-    stereo.setSubpixelFractionalBits(config.stereo_subpixel_bits)
+    if config.stereo_subpixel_bits is not None:
+        stereo.setSubpixelFractionalBits(config.stereo_subpixel_bits)
     chosen, kinds = stereo.initialConfig, dai.StereoDepthConfig.MedianFilter
     # The device has the median for three bits alone, and some presets ask for it.
-    median = "off" if config.stereo_subpixel_bits != 3 else config.stereo_median
+    median = config.stereo_median if config.stereo_subpixel_bits in (None, 3) else "off"
     if median is not None:
         chosen.setMedianFilter(kinds.MEDIAN_OFF if median == "off" else getattr(kinds, f"KERNEL_{median}"))
     if config.stereo_confidence is not None:

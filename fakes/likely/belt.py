@@ -16,12 +16,13 @@ STOPS = {"every_s": [1.0, 3.0], "held_s": [0.3, 1.0], "accel_m_s2": [0.3, 1.2]}
 MOVES_S = (0.2, 0.6)  # of grippers with two fingers
 # Of the time after which one counts as closed, as its section says, where nothing confirms it: an assumption.
 WITHIN = (0.7, 1.0)
-MOST_COUNTS = 0xFFFF_FFFF  # an encoder's range in a twin; no belt comes to the end of a larger one
+# An encoder's range in a twin: no belt comes to the end of a larger one, and none has fewer.
+COUNTS = (16, 0xFFFF_FFFF)
 SERIAL = "999966001"
 
 
-def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
-    """``belt`` and ``items`` of a scenario's world."""
+def draw_belt(known: KnownBelt, rng: np.random.Generator, arm_late_s: float) -> dict[str, Any]:
+    """``belt`` and ``items`` of a scenario's world; no encoder of a twin is earlier than the arm."""
     direction = Rotation.from_rotvec([0.0, 0.0, TURN_RAD * rng.standard_normal()]).apply(known.dir)
     origin = [float(known.above[0]), float(known.above[1]), known.z_m]
     low, high = known.item_heights_m
@@ -29,12 +30,16 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
         "belt": {
             "serial": SERIAL,
             "jitter_s": ENCODER_JITTER_S,
-            "late_s": float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)),
+            "late_s": max(float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)) - arm_late_s, 0.0),
             "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),
             "period_s": known.period_s,
-            **({} if known.range_counts is None else {"modulus": min(known.range_counts, MOST_COUNTS)}),
+            **(
+                {}
+                if known.range_counts is None
+                else {"modulus": min(max(known.range_counts, COUNTS[0]), COUNTS[1])}
+            ),
             "profile": [{"speed_m_s": known.speed_m_s}],
             **({"stops": STOPS} if known.stops else {}),
         },

@@ -44,6 +44,7 @@ _SAME: Mapping[str, Mapping[str, str]] = {
 # times its period.
 _SILENT_S = {"beams": 0.1, "place_inputs": 0.5, "observed_arm": 0.5, "tracker": 1.0}
 _PERIODS = 3.0
+_LOST_S = 10.0  # the longest silence that an object takes
 
 
 def device_keys(role: str, section: Any, arm: Any) -> dict[str, Any]:
@@ -55,7 +56,7 @@ def device_keys(role: str, section: Any, arm: Any) -> dict[str, Any]:
     if role in ("beams", "place_inputs") and hasattr(section, "arm") and hasattr(arm, "rtde_frequency_hz"):
         keys["poll_period_s"] = 1.0 / arm.rtde_frequency_hz  # inputs of the arm come with its state
     if (least_s := _SILENT_S.get(role)) and hasattr(section, "poll_period_s"):
-        keys["lost_after_s"] = max(least_s, _PERIODS * section.poll_period_s)
+        keys["lost_after_s"] = min(max(least_s, _PERIODS * section.poll_period_s), _LOST_S)
     if role == "gripper" and getattr(section, "confirm", 0) is None:
         keys["counts_after_s"] = getattr(section, "moves_s", None)
     return {**KEYS.get(role, {}), **keys}

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from cell.known_cell import KnownCell
+from cell.usual_delays import ARM_LATE_S
 from fakes.likely.arm import believed, draw_arm, draw_tool
 from fakes.likely.beams import FILTER_S, SCAN_S, draw_beams
 from fakes.likely.belt import draw_belt, draw_gripper
@@ -17,6 +18,7 @@ from fakes.world.scenario import SCHEMA, Scenario
 from fakes.world.toml_text import to_toml
 
 CLOCK = "fakes.object:VirtualClock"
+_ARM_LATE = 0xA5  # beside the seed
 
 
 def likely_scenario(known: KnownCell, seed: int) -> str:
@@ -30,19 +32,21 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
         zip(("arm", *known.parts), np.random.default_rng(seed).spawn(1 + len(known.parts)), strict=True)
     )
     arm = believed(known)
+    # A twin's arm stamps its states in time. It is late all the same, with the others so much earlier.
+    arm_late_s = float(np.random.default_rng([seed, _ARM_LATE]).uniform(*ARM_LATE_S))
     world: dict[str, Any] = {
         "seed": seed,
         "arm": draw_arm(known, rngs["arm"]),
         "tool": draw_tool(known),
     }
     if known.camera is not None:
-        world |= draw_camera(known.camera, arm, rngs["camera"])
+        world |= draw_camera(known.camera, arm, rngs["camera"], arm_late_s)
     if known.beams is not None:
         world |= draw_beams(known, arm, rngs["beams"])
     if known.tracker is not None:
         world |= draw_tracker(known.tracker, rngs["tracker"])
     if known.belt is not None:
-        world |= draw_belt(known.belt, rngs["belt"])
+        world |= draw_belt(known.belt, rngs["belt"], arm_late_s)
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
         if known.gripper.place_clear is not None:

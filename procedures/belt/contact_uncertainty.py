@@ -23,6 +23,10 @@ from procedures.report.numbers import K95, radius95
 SIGHTINGS, MOTION, BELT, CAMERA = "sightings", "belt motion", "belt calibration", "camera"
 DELAYS, FOLLOWING, PLAN, ARM = "delays", "following", "plan", "arm"
 NO_CAMERA = "the camera's pose and lens, of which no covariance is known"
+LARGER_DELAYS = (
+    "larger delays than are assumed: of a camera whose driver stamps pictures as they arrive, of a USB "
+    "adapter whose latency timer is left at 16 ms, of a controller of 125 Hz"
+)
 NO_BELT = "scale and direction of the belt, which are configured and not calibrated"
 _NEVER = (
     "how an item lies in the gripper and what the fingers do to it",
@@ -115,6 +119,8 @@ class ContactBudget:
             out.append(NO_BELT)
         if not self.followed:
             out.append("how the arm follows its set-points, which no grip has shown")
+        if self.delays.assumed():
+            out.append(LARGER_DELAYS)
         return [*out, *_NEVER]
 
 

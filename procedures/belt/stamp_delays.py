@@ -23,6 +23,7 @@ from procedures.words import mm, ms
 
 CAMERA_ROLE, ENCODER_ROLE = "fixed_camera", "belt"
 MEASURE = "`cellward start latency-calibration -p source={}`"
+_NOTHING_M = 1e-5  # less than this of a contact is nothing to warn of
 _NO_RUN_M_S = 0.1  # for words, where no contact tells a speed
 Offsets = Mapping[str, Mapping[str, float]]
 Term = tuple[Usual, float]
@@ -91,6 +92,8 @@ class StampDelays:
             change = _rms(speeds[:, 1] - speeds[:, 0])
             if not self._speeds:  # at an even speed nothing, which would say nothing
                 change, parts = _NO_RUN_M_S, [((self._encoder, _NO_RUN_M_S),)]
+            if self._speeds and _mean95(parts) < _NOTHING_M:
+                return
             yield (
                 f"how late the stamps of the encoder are was not measured: as {ms(self._encoder.rms_s)} "
                 f"(root mean square) it leaves contacts open by {_mm95(parts)} (95 %) along the belt where "
@@ -117,5 +120,9 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def _mean95(contacts: Sequence[Sequence[Term]]) -> float:
+    return K95 * float(np.sqrt(np.mean([_mean_square(terms) for terms in contacts])))
+
+
 def _mm95(contacts: Sequence[Sequence[Term]]) -> str:
-    return mm(K95 * float(np.sqrt(np.mean([_mean_square(terms) for terms in contacts]))))
+    return mm(_mean95(contacts))

@@ -42,7 +42,7 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
     """
     closings = truth["gripper"]["contacts"]
     taken = sum(bool(c["taken"]) for c in closings)
-    met = [c for c in closings if c["off_m"] is not None]  # the tool came down to the item's face
+    met = [c for c in closings if c["off_m"] is not None]  # the tool came down to the item's face, or took it
     picks = result.result.picks
     off = np.array([c["off_m"] for c in met]).reshape(-1, 2)
     slide = np.array([c["slide_m_s"] or 0.0 for c in met])
@@ -70,7 +70,8 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         table(("", "RMS", "largest"), rows),
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
-    told, off_text = f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
+    at_contact = f"{1e3 * apart:.3f} mm RMS at contact" if len(met) else "none met"
+    told, off_text = f"{picks} picks", f"{taken} taken, {at_contact}"
     inside95, of95, limits95 = None, {}, {}
     if (stated := result.result.contact_95_m) is not None and len(met):
         within = int(np.sum(total <= stated))

@@ -4,6 +4,7 @@ import asyncio
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +73,6 @@ class InsertionRun:
         an error."""
         run, action = self.run, self.config.action
         await run.enter(S.PREPARE)
-        # This job looks at whole pictures; a board that an earlier one looked for costs time in every frame.
-        await self.camera.set_target(None)
         route = await self.plan()
         run.note("decision", event="plan", plan=route.listing)
         await asyncio.to_thread(self.write)
@@ -264,6 +263,8 @@ class InsertionRun:
         self, lease: MotionLease, what: str
     ) -> tuple[Route, RigidTransform, Mapping[str, Any] | None]:
         """Look twice: to bring the slot to its preset place in the picture, and from there to measure it."""
+        # Whole pictures are looked at; a board that an earlier job looked for costs time in every frame.
+        await self.run.take_step("prepare the camera", partial(self.camera.set_target, None))
         rack = self.config.rack
         at = _six(self.stations.nominal_slot())
         sigma = [rack.sigma_m] * 3 + [rack.sigma_rad] * 3

@@ -22,7 +22,8 @@ _TOUCH_M = 0.0005  # this far above an item's face the tool is in contact
 @dataclass(frozen=True)
 class Contact:
     """One closing. ``off_m`` is the horizontal distance of the tool's point and the item's grasp point when
-    the tool first came down to its face, at ``t_contact``; None when it never did."""
+    the tool first came down to its face, at ``t_contact``, or when the fingers took it above that; None when
+    neither happened."""
 
     t: float
     item: int | None
@@ -130,6 +131,8 @@ class Gripper:
         distance = float(np.linalg.norm(tip - place))
         taken = distance <= self.truth.within_m and slide <= self.truth.below_m_s
         t_contact, off = self._touch(self._items, t, number)
+        if taken and off is None:  # a tool that is too high meets the item with its fingers
+            t_contact, off = t, (float(tip[0] - place[0]), float(tip[1] - place[1]))
         self.contacts.append(Contact(t, number, taken, t_contact, off, distance, slide))
         if taken:
             self._items.take(number, t)

@@ -14,7 +14,7 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError, error, present
 from cell.poses import from_pose6, log_xi
 from cell.store.runs import RunFolder
-from cell.usual_delays import ENCODER_LATE_S
+from cell.usual_delays import ARM_LATE_S, ENCODER_LATE_S
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
 from daemon.rehearsal.play import RehearsedRun, rehearse, steps_of
@@ -135,8 +135,9 @@ def test_the_stamps_of_a_twin_are_late_by_what_its_seed_draws(tmp_path: Path) ->
         world = Scenario.load(tmp_path / "scenario.toml").world
         late.append((present(world.camera, "camera").stamp_late_s, present(world.belt, "belt").late_s))
     for camera_s, encoder_s in late:
-        assert 0.0 < abs(camera_s) < 0.002
-        assert ENCODER_LATE_S[0] <= encoder_s <= ENCODER_LATE_S[1]
+        # Both beside the arm, which is late itself while a twin's is in time.
+        assert 0.0 < abs(camera_s) < 0.002 + ARM_LATE_S[1]
+        assert 0.0 <= encoder_s <= ENCODER_LATE_S[1]
     assert late[0] != late[1]
 
 

@@ -197,8 +197,8 @@ def test_every_key_of_every_driver_is_taken_over_or_of_no_effect_or_named_as_mis
 @pytest.mark.parametrize("role", SECTIONS)
 def test_a_key_is_in_one_list_and_some_driver_has_it(role: str) -> None:
     subject = SECTIONS[role]
-    assert not (subject.taken & subject.without | subject.taken & subject.missing)
-    assert not subject.without & subject.missing
+    assert not (subject.taken & subject.no_effect | subject.taken & subject.missing)
+    assert not subject.no_effect & subject.missing
     configs = [driver_class(name) for name in DRIVERS if plays(driver_class(name), ROLES[role].protocol)]
     assert subject.taken | subject.missing <= {
         key for driver in configs for key in driver.Config.model_fields
@@ -317,4 +317,4 @@ def test_what_a_twin_does_not_have_is_told_in_one_line(
 
 def test_nothing_is_told_of_a_cell_whose_twin_has_all(tmp_path: Path) -> None:
     path = whole_example(tmp_path)
-    assert rehearsed_cell(load_config(path), path, "laser-check", 1, tmp_path).without == ()
+    assert rehearsed_cell(load_config(path), path, "laser-check", 1, tmp_path).missing == ()

@@ -46,7 +46,6 @@ def test_counts_that_wrap_change_nothing(tmp_path: Path) -> None:
             assert [w["code"] for w in cell.result(run_id)["warnings"]] == [
                 "belt.nominal",
                 "belt.delays",
-                "belt.delays",
                 "belt.lens",
             ]
             assert np.max(off_since(cell, 0.0)) < 0.5e-3
