@@ -256,7 +256,7 @@ class Picker:
 
     async def _descend(self, t: float) -> bool:
         ride = self._ride()
-        if ride is None or self.standing:
+        if ride is None or self.standing or self._path.beside:  # the tool is not where the plan has it
             return await self._give_up(t)
         self._path.descend(t, ride, self._at_grip, self._is_cautious)
         self._following.contacts.expect(t, *self._path.touches(self._at_grip), ride.track)
@@ -311,7 +311,7 @@ class Picker:
         return True
 
     async def _go_down(self, t: float) -> bool:
-        if (place := self._aim_improved(t)) is None:
+        if (place := self._aim_improved(t)) is None or self._path.beside:
             return await self._give_up(t)
         self._path.go(t, place, self._at_grip)
         track = self._watch.track(self._in_hand)

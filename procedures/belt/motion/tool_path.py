@@ -25,6 +25,7 @@ STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 HALVES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # the nodes and between them
+LATER = (1.5, 2.0, 3.0)  # times that, for joints that are beside the plan
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
@@ -67,6 +68,7 @@ class ToolPath:
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
         self._latest: TrajectoryPiece | None = None
+        self.beside = False  # whether the latest piece leaves the joints beside the plan for longer
 
     @property
     def t1(self) -> float:
@@ -88,7 +90,7 @@ class ToolPath:
 
     def start(self, t: float, q: Array, place: FixedPoint) -> None:
         """From rest at joints ``q`` (6,)."""
-        self._q, self._share, self._latest = q, 1.0, None
+        self._q, self._share, self._latest, self.beside = q, 1.0, None, False
         self._leg = plan(t, self._tool.state(q), place, np.zeros(4), self._limits)
 
     def begin(self, t: float, origin: Origin, offset: Array) -> None:
@@ -168,8 +170,25 @@ class ToolPath:
             self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
+        later = None if self._within(piece) else self._later(t, here)
+        self.beside, piece = later is not None, later or piece
         self._latest = piece
         return piece
+
+    def _within(self, piece: TrajectoryPiece) -> bool:
+        return bool(np.all(fastest_on_piece(piece) <= self._joint_speeds))
+
+    def _later(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece | None:
+        """A piece that comes onto the plan later: joints that are beside it, as after a pause of the PC and
+        then another plan, would have to be too fast to be on it by the first node. None where that is not
+        enough."""
+        for times in LATER:
+            step_s = times * AHEAD_S
+            Q, Qd = self._tool.line([self._leg.at(t + k * step_s) for k in NODES], here[0])
+            piece = self._tool.piece(t, step_s, [here, *zip(Q, Qd, strict=True)])
+            if self._within(piece):
+                return piece
+        return None
 
     def _guesses(self, t: float, here: tuple[Array, Array]) -> Array:
         """About where the joints are at the next piece's nodes (n, 6): a plan seldom changes by much, so that

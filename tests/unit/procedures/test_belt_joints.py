@@ -14,7 +14,7 @@ from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import BESIDE_M, blend_for
-from procedures.belt.motion.tool_joints import ToolJoints, on_piece
+from procedures.belt.motion.tool_joints import ToolJoints, fastest_on_piece, on_piece
 from procedures.belt.motion.tool_path import ToolPath
 from tests.kit.motion_bench import OpenGuard
 
@@ -130,3 +130,21 @@ def test_a_piece_is_looked_for_where_the_piece_before_goes(
         here = on_piece(path.piece(t, here), t + 0.02)
     assert off[0] > 0.01  # from rest nothing is known yet
     assert max(off[1:]) < 0.005
+
+
+@pytest.mark.parametrize(("beside_rad", "step_s"), [(0.01, 0.05), (0.15, 0.15), (0.5, 0.05)])
+def test_joints_that_are_beside_the_plan_come_onto_it_as_fast_as_they_may(
+    beside_rad: float, step_s: float, subject: ToolJoints
+) -> None:
+    """Of what no piece can make good the guard tells, by the piece that it always was told of."""
+    config = BeltTrackingConfig.model_validate(CONFIG)
+    path = ToolPath(subject, config.limits, cast(MotionGuard, OpenGuard()), subject.state(WAIT))
+    here = WAIT + np.array([0.0, 0.0, beside_rad, 0.0, 0.0, 0.0]), np.zeros(6)
+    piece = path.piece(1.0, here)
+    assert piece.t1 - piece.t0 == pytest.approx(3 * step_s)
+    assert path.beside == (step_s > 0.05)
+    q, qd = on_piece(piece, piece.t1)
+    assert q == pytest.approx(WAIT, abs=1e-6)
+    assert qd == pytest.approx(np.zeros(6), abs=1e-6)
+    fastest = float(fastest_on_piece(piece).max())
+    assert (fastest <= float(np.min(config.limits.joint_speed_rad_s))) == (beside_rad < 0.5)
