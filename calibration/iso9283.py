@@ -110,7 +110,7 @@ def _interval(points: Array) -> tuple[float, float] | None:
 
     Places that are close together by chance have a small RP and a small jackknife both: by it alone 93 % of
     intervals of 30 places held the true RP, and at the worst of five poses 89 %. With this bound 96 and 97 %
-    do; where places scatter along two axes 94 %, along one 92 % (6000 simulated tests each). None of fewer
+    do; where places scatter along two axes 94 %, along one 92 % (of 6000 each, simulated once). None of fewer
     than five places, of which 78 % of three did, or where none moved.
     """
     n, whole = len(points), repeatability(points)

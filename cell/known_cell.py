@@ -142,7 +142,7 @@ class KnownBelt:
 
     ``above`` (3,) is in the base; items come through below it. They are between the two heights.
     ``period_s``: between two positions of the encoder; ``range_counts``: its count goes back to 0 there, None
-    where no section tells it.
+    where no section tells it. ``stops``: it is stopped and started again and again.
     """
 
     m_per_count: float

@@ -158,7 +158,7 @@ class EncoderNode:
             self._send(Frame(tpdo.id, tpdo.data(self.shaft.told(t))), t)
 
     def _send_event(self, tpdo: Tpdo, t: float) -> None:
-        """A new position, or the timer: what comes first. One that ends before the next look ends now."""
+        """A new position or the timer, what comes first; one that would end before the next look ends now."""
         position = self.shaft.raw(t)
         before, at = self._told_by_event
         if position != before or t - at + tpdo.inhibit_s > tpdo.period_s + 1e-6:

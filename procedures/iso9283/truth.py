@@ -68,7 +68,7 @@ def judge_iso9283(result: Iso9283Result, truth: Mapping[str, Any], folder: Path)
 
 
 def _true_deviations(data: Iso9283, truth: Mapping[str, Any]) -> dict[str, Array]:
-    """By pose, (3,) m in the base: where the reflector truly comes to less where it was wanted."""
+    """By pose, (3,) m in the base: from where the reflector was wanted to where it truly comes."""
     tracker, seen = truth["tracker"], {sample.pose for sample in data.samples}
     poses = [pose for pose in data.poses if pose.name in seen]
     point = np.append(tracker["reflectors"][data.reflector]["point"], 1.0)
