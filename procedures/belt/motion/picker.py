@@ -100,6 +100,7 @@ class Picker:
                 await self._begin_putting(t)
             while True:
                 await self._learn()
+                self._path.catch_up(t, here)
                 if not await self._phase(t):
                     return
                 piece = self._path.piece(t, here)
@@ -256,7 +257,7 @@ class Picker:
 
     async def _descend(self, t: float) -> bool:
         ride = self._ride()
-        if ride is None or self.standing or self._path.beside:  # the tool is not where the plan has it
+        if ride is None or self.standing:
             return await self._give_up(t)
         self._path.descend(t, ride, self._at_grip, self._is_cautious)
         self._following.contacts.expect(t, *self._path.touches(self._at_grip), ride.track)
@@ -311,7 +312,7 @@ class Picker:
         return True
 
     async def _go_down(self, t: float) -> bool:
-        if (place := self._aim_improved(t)) is None or self._path.beside:
+        if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
         self._path.go(t, place, self._at_grip)
         track = self._watch.track(self._in_hand)

@@ -45,6 +45,14 @@ class ToolJoints:
         turn = (tool.rotation * self._upright.inv()).as_rotvec()
         return PursuitState.still(np.array([*tool.translation, float(turn[2])]))
 
+    def moving(self, q: Array, qd: Array) -> PursuitState:
+        """The tool at ``q`` (6,) rad with joint speeds ``qd`` (6,) rad/s, without acceleration."""
+        flange = self._model.forward(q)
+        twist = self._model.jacobian_many(q[None])[0] @ qd
+        lever = flange.rotation.apply(self._T_flange_tool.translation)
+        velocity = twist[:3] + np.cross(twist[3:], lever)
+        return PursuitState(self.state(q).p, np.array([*velocity, float(twist[5])]), np.zeros(4))
+
     def points(self, Q: Array) -> Array:
         """The tool's point (n, 3) in the base at joints ``Q`` (n, 6)."""
         flanges = self._model.flange_many(Q)

@@ -25,7 +25,7 @@ STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 HALVES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # the nodes and between them
-LATER = (1.5, 2.0, 3.0)  # times that, for joints that are beside the plan
+SLOWER = (1.1, 1.25, 1.5, 2.0)  # so many times the time for a piece that is too fast for a joint
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
@@ -68,7 +68,7 @@ class ToolPath:
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
         self._latest: TrajectoryPiece | None = None
-        self.beside = False  # whether the latest piece leaves the joints beside the plan for longer
+        self._behind = False  # whether the latest piece took more time than its plan
 
     @property
     def t1(self) -> float:
@@ -90,7 +90,7 @@ class ToolPath:
 
     def start(self, t: float, q: Array, place: FixedPoint) -> None:
         """From rest at joints ``q`` (6,)."""
-        self._q, self._share, self._latest, self.beside = q, 1.0, None, False
+        self._q, self._share, self._latest, self._behind = q, 1.0, None, False
         self._leg = plan(t, self._tool.state(q), place, np.zeros(4), self._limits)
 
     def begin(self, t: float, origin: Origin, offset: Array) -> None:
@@ -152,6 +152,13 @@ class ToolPath:
 
     # -- the set-points
 
+    def catch_up(self, t: float, here: tuple[Array, Array]) -> None:
+        """Before anything is decided at ``t``: a plan that is ahead of the arm, which is sent to joints and
+        joint speeds ``here`` (6,), begins anew from there."""
+        if self._behind:
+            old, slower = self._leg, self._limits.slower(self._share)
+            self._leg = plan(t, self._tool.moving(*here), old.origin, old.offset, slower, old.apart)
+
     def piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
         """The next piece from ``here`` on, joints and joint speeds (6,) at ``t``; a way that gets too fast
         for joints or tool is slowed down."""
@@ -170,22 +177,20 @@ class ToolPath:
             self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
-        later = None if self._within(piece) else self._later(t, here)
-        self.beside, piece = later is not None, later or piece
+        slowed = None if self._within(piece) else self._slowed(t, here, Q, Qd)
+        self._behind, piece = slowed is not None, slowed or piece
         self._latest = piece
         return piece
 
     def _within(self, piece: TrajectoryPiece) -> bool:
         return bool(np.all(fastest_on_piece(piece) <= self._joint_speeds))
 
-    def _later(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece | None:
-        """A piece that comes onto the plan later: joints that are beside it, as after a pause of the PC and
-        then another plan, would have to be too fast to be on it by the first node. None where that is not
-        enough."""
-        for times in LATER:
-            step_s = times * AHEAD_S
-            Q, Qd = self._tool.line([self._leg.at(t + k * step_s) for k in NODES], here[0])
-            piece = self._tool.piece(t, step_s, [here, *zip(Q, Qd, strict=True)])
+    def _slowed(self, t: float, here: tuple[Array, Array], Q: Array, Qd: Array) -> TrajectoryPiece | None:
+        """The same way in more time, through ``Q`` and speeds ``Qd`` (n, 6) at the nodes, for a plan that got
+        too fast for a joint sooner than a slower plan helps. None where that is not enough."""
+        for times in SLOWER:
+            nodes = [here, *zip(Q, Qd / times, strict=True)]
+            piece = self._tool.piece(t, times * AHEAD_S, nodes)
             if self._within(piece):
                 return piece
         return None

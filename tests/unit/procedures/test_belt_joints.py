@@ -15,7 +15,7 @@ from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import BESIDE_M, blend_for
 from procedures.belt.motion.tool_joints import ToolJoints, fastest_on_piece, on_piece
-from procedures.belt.motion.tool_path import ToolPath
+from procedures.belt.motion.tool_path import STEP_S, ToolPath
 from tests.kit.motion_bench import OpenGuard
 
 MODEL = robot_from_spec({"model": "ur10e"})
@@ -132,19 +132,35 @@ def test_a_piece_is_looked_for_where_the_piece_before_goes(
     assert max(off[1:]) < 0.005
 
 
-@pytest.mark.parametrize(("beside_rad", "step_s"), [(0.01, 0.05), (0.15, 0.15), (0.5, 0.05)])
-def test_joints_that_are_beside_the_plan_come_onto_it_as_fast_as_they_may(
-    beside_rad: float, step_s: float, subject: ToolJoints
+@pytest.mark.parametrize("rad_s", [0.8, 0.5])
+def test_a_way_whose_goal_leaps_keeps_the_joints_within_their_limits(
+    rad_s: float, subject: ToolJoints
 ) -> None:
-    """Of what no piece can make good the guard tells, by the piece that it always was told of."""
-    config = BeltTrackingConfig.model_validate(CONFIG)
-    path = ToolPath(subject, config.limits, cast(MotionGuard, OpenGuard()), subject.state(WAIT))
-    here = WAIT + np.array([0.0, 0.0, beside_rad, 0.0, 0.0, 0.0]), np.zeros(6)
-    piece = path.piece(1.0, here)
-    assert piece.t1 - piece.t0 == pytest.approx(3 * step_s)
-    assert path.beside == (step_s > 0.05)
-    q, qd = on_piece(piece, piece.t1)
-    assert q == pytest.approx(WAIT, abs=1e-6)
-    assert qd == pytest.approx(np.zeros(6), abs=1e-6)
-    fastest = float(fastest_on_piece(piece).max())
-    assert (fastest <= float(np.min(config.limits.joint_speed_rad_s))) == (beside_rad < 0.5)
+    """On the way out the plan for the way back is too fast for a joint, sooner than a slower plan helps."""
+    limits = BeltTrackingConfig.model_validate({**CONFIG, "limits": {"joint_speed_rad_s": rad_s}}).limits
+    path = ToolPath(subject, limits, cast(MotionGuard, OpenGuard()), subject.state(WAIT))
+    start, way = subject.state(WAIT).p, np.array([0.5, 0.5, 0.02, 0.3])
+    here, t, fastest, apart, ahead = (WAIT, np.zeros(6)), 1.0, list[float](), list[float](), list[float]()
+    path.start(t, WAIT, FixedPoint(start + way))
+    for step in range(900):  # the slowest joints take 17 s past the arm's base
+        path.catch_up(t, here)
+        apart.append(float(np.linalg.norm(path.at(t).p - subject.moving(*here).p)))
+        if step == 25:
+            path.go(t, FixedPoint(start - way), np.zeros(4))
+            path.at_full_speed()
+        piece = path.piece(t, here)
+        fastest.append(float(fastest_on_piece(piece).max()))
+        ahead.append(piece.t1 - piece.t0)
+        t += STEP_S
+        here = on_piece(piece, t)
+    assert max(fastest) <= rad_s
+    assert max(ahead) > 0.151  # more time was needed somewhere
+    assert max(apart) < 5e-4  # plan and arm are at one place whenever something is decided
+    assert subject.state(here[0]).p == pytest.approx(start - way, abs=1e-3)
+
+
+def test_the_tools_motion_is_that_of_the_joints(subject: ToolJoints) -> None:
+    state = moved(subject, 0.02, -0.03, 0.05, 0.4)
+    found = subject.moving(*subject.joints(state, WAIT))
+    assert found.p == pytest.approx(state.p, abs=1e-9)
+    assert found.v == pytest.approx(state.v, abs=1e-9)
