@@ -56,13 +56,12 @@ def closing_table(rows: Sequence[Row]) -> int:
 def beside_ideal(rows: Sequence[Row], ideal: Sequence[Row]) -> list[Row]:
     """``rows`` with what became of each in the ``ideal`` world of its twin; one that was not good there is no
     good row either."""
-    of = {(row.job, row.twin): list[Row]() for row in ideal}
-    for row in ideal:
-        of[row.job, row.twin].append(row)
-    joined = []
+    left, joined = list(ideal), []
     for row in rows:
-        if there := of.get((row.job, row.twin)):
-            kind = there.pop(0)
+        # Of a job that runs twice in one twin, in the order of both.
+        kind = next((one for one in left if (one.job, one.twin) == (row.job, row.twin)), None)
+        if kind is not None:
+            left.remove(kind)
             told = f"{kind.off}: {kind.verdict}" if kind.code else kind.off
             row = replace(row, ideal=told, code=max(row.code, kind.code))
         joined.append(row)

@@ -53,7 +53,7 @@ ROWS_FILE = "rows.json"  # what each step came to, for the demo that this one ru
 
 def run_fast(folder: Path, steps: Sequence[Step], ideal: bool = False) -> int:
     """Run the demo with its files in ``folder``, perhaps in ideal worlds; exit code as of the full one."""
-    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA three minutes.")
+    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA one minute.")
     if ideal:
         out("The worlds are ideal ones, kinder than any cell.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")

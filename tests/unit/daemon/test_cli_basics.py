@@ -69,6 +69,12 @@ def test_a_mistyped_command_is_a_usage_error_with_a_suggestion(subject: CommandL
     assert "status" in done.err
 
 
+def test_a_demo_in_ideal_worlds_alone_has_no_protocols(subject: CommandLine) -> None:
+    done = subject("demo", "--ideal")
+    assert done.code == 2
+    assert "--ideal needs --fast" in done.err
+
+
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_every_error_is_explained_by_number_and_by_name(subject: CommandLine, name: str) -> None:
     by_name, by_number = subject("explain", name), subject("explain", catalogue()[name].code, "--json")

@@ -9,11 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from fakes.frames.server import FrameServer
-from fakes.object import VirtualClock
-from fakes.object.head import CameraHead
 from fakes.world.camera.exposure import AutoExposureTruth, times_in
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from tests.kit.object_items import items_of_seconds
 
 SMALL = {"width": 320, "height": 200, "K": [200.6, 200.4, 161.0, 99.2], "dist": []}
 DIM = AutoExposureTruth(light_lux=60.0)  # 0.135 s
@@ -73,18 +72,7 @@ def test_automatic_exposure_smears_what_moves_and_leaves_what_rests(name: str, s
 
 
 def test_the_object_camera_is_as_unsure_of_smeared_items_as_it_is_off() -> None:
-    truth = Scenario.load("picking:ideal").world
-    seen = []
-    for auto in (None, DIM):
-        camera = truth.camera.model_copy(update={"auto_exposure": auto})
-        world = World(truth.model_copy(update={"camera": camera}), 0.0)
-        T_camera_belt = world.scene(0.0).T_base_camera.inv() * world.belt.T_base_belt
-        normal = T_camera_belt.rotation.apply([0.0, 0.0, 1.0])
-        heights = {"min_height_m": 0.01, "max_height_m": 0.08, "size_m": [0.03, 0.15]}
-        spec = {"normal": normal.tolist(), "offset_m": float(normal @ T_camera_belt.translation), **heights}
-        head = CameraHead(world, VirtualClock())
-        seen.append([item for k in range(20) for item in head.items(3.0 + k, k, spec) or ()])
-    sharp, smeared = seen
+    (_, sharp), (_, smeared) = (items_of_seconds(20, auto_exposure=auto) for auto in (None, DIM))
     off = np.array([a.point - b.point for a, b in zip(smeared, sharp, strict=True)])
     says = smeared[0].sigma_m
     assert says > 10.0 * sharp[0].sigma_m
