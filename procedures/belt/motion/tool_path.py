@@ -171,19 +171,16 @@ class ToolPath:
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
             fastest = max(hypot(*state.v[:3].tolist()) for state in halves)
             slow = fastest <= TOOL_SHARE * self._job.speed_m_s
-            fine = slow and bool(np.all(fastest_on_piece(piece) <= BRAKE_SHARE * self._joint_speeds))
-            if fine or self._share <= LEAST_SHARE:
+            share = float(np.max(fastest_on_piece(piece) / self._joint_speeds))
+            if (slow and share <= BRAKE_SHARE) or self._share <= LEAST_SHARE:
                 break
             self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
-        slowed = None if self._within(piece) else self._slowed(t, here, Q, Qd)
+        slowed = None if share <= 1.0 else self._slowed(t, here, Q, Qd)
         self._behind, piece = slowed is not None, slowed or piece
         self._latest = piece
         return piece
-
-    def _within(self, piece: TrajectoryPiece) -> bool:
-        return bool(np.all(fastest_on_piece(piece) <= self._joint_speeds))
 
     def _slowed(self, t: float, here: tuple[Array, Array], Q: Array, Qd: Array) -> TrajectoryPiece | None:
         """The same way in more time, through ``Q`` and speeds ``Qd`` (n, 6) at the nodes, for a plan that got
@@ -191,7 +188,7 @@ class ToolPath:
         for times in SLOWER:
             nodes = [here, *zip(Q, Qd / times, strict=True)]
             piece = self._tool.piece(t, times * AHEAD_S, nodes)
-            if self._within(piece):
+            if np.all(fastest_on_piece(piece) <= self._joint_speeds):
                 return piece
         return None
 
