@@ -55,6 +55,7 @@ BELT = {
 }
 CHANGED = {"belt": BELT, "tracker": LASER_TRACKER, "iso9283": LASER_TRACKER | ISO9283}
 MINUTE_S = 60.0
+UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}  # for people's eyes
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,8 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
     for name in dict.fromkeys(name for o in outcomes for name in o.limits95):
         of = [(o.of95[name], *o.limits95[name]) for o in outcomes if name in o.limits95]
         off, stated95 = (_rms(v) for v in zip(*((share * size, size) for share, size, _ in of), strict=True))
-        unit = {"m": "mm", "rad": "mrad", "s": "ms"}[of[0][2]]
-        yield f"    {name}: {1e3 * off:.4f} {unit} off (RMS), {1e3 * stated95:.4f} {unit} stated (95 %, RMS)"
+        unit, per = UNITS[of[0][2]]
+        yield f"    {name}: {per * off:.4f} {unit} off (RMS), {per * stated95:.4f} {unit} stated (95 %, RMS)"
     for outcome in outcomes:
         if not outcome.succeeded:
             why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"

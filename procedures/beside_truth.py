@@ -20,7 +20,7 @@ class Judged:
 
     ``inside95``: whether each error is below the 95 % limit stated for it; None where none is stated.
     ``of95``: each error, by its name, in units of that limit, and ``limits95`` the limits that have a unit:
-    size and "m", "rad" or "s".
+    size and "m", "rad", "s", or "1" of a share. An error is its ``of95`` times its limit.
     """
 
     good: bool

@@ -15,6 +15,7 @@ from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 LARGEST = "the largest contact"
+TRAVEL, DIRECTION = "travel of one count", "direction"
 
 
 def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: Path) -> Judged:
@@ -31,8 +32,9 @@ def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: 
     apart = f"{100 * off:.3f} %, {degrees(turn):.3f} deg"
     words = "consistent with" if good else "NOT consistent with"
     text = f"travel of one count and direction are off by {apart}\n{words} the stated 95 % limits, {stated}"
-    of95 = {"travel of one count": off / share, "direction": turn / turn95}
-    return Judged(good, text, stated, apart, all_inside(of95), of95)
+    of95 = {TRAVEL: off / share, DIRECTION: turn / turn95}
+    limits95 = {TRAVEL: (share, "1"), DIRECTION: (turn95, "rad")}
+    return Judged(good, text, stated, apart, all_inside(of95), of95, limits95)
 
 
 def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:

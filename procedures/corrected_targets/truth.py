@@ -19,7 +19,7 @@ from procedures.words import mm, table
 def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when all targets are truly off as stated, within limits that 99.73 % of good runs keep, and the
     corrected ones are truly less off than as given. 95 % of good runs are inside at the worst of their
-    targets, which is what ``of95`` has.
+    targets, which is what ``of95`` has; ``limits95`` has the limit of that one.
 
     Truly off is what a tracker without noise would see at the joints at which the arm rested, with its stand
     where the calibration has it: the base is known by that alone. ``SOLVE_REFUSED`` where no tracker looked.
@@ -58,7 +58,12 @@ def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path)
     if not better:
         text.append("corrected targets are truly NOT closer than as given")
     text.append(f"{words} what is stated")
-    of95 = {f"the worst of {n} arrivals": float(shares.max()) / limit_of_worst(n)} if n else {}
+    of95: dict[str, float] = {}
+    limits95: dict[str, tuple[float, str]] = {}
+    if n:
+        name, worst = f"the worst of {n} arrivals", int(np.argmax(shares))
+        of95[name] = float(shares[worst]) / limit_of_worst(n)
+        limits95[name] = (bounds[worst] * limit_of_worst(n), "m")
     # The row is of corrected targets alone, as what is left of them is.
     k = int(np.argmax(np.where(corrected, shares, -1.0))) if any(corrected) else None
     return Judged(
@@ -68,6 +73,7 @@ def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path)
         mm(None if k is None else apart[k]),
         all_inside(of95),
         of95,
+        limits95,
     )
 
 

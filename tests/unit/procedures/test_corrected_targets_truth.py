@@ -109,7 +109,10 @@ def test_one_of_many_targets_beyond_its_own_limit_is_no_finding(
     for share in (1.15, 1.5):
         target.after.error[2] = float(own[2]) + share * worst
         subject = judge_targets(found, truth, tmp_path)
-        assert list(subject.of95) == ["the worst of 8 arrivals"]
+        ((name, off),) = subject.of95.items()
+        assert name == "the worst of 8 arrivals"
+        size, unit = subject.limits95[name]
+        assert (off * size, unit) == (pytest.approx(share * worst, rel=0.3), "m")
         inside.append(subject.inside95)
     assert inside == [True, False]
 

@@ -62,9 +62,13 @@ def test_a_call_that_chance_makes_wrong_is_told_and_does_not_fail_a_result(truth
     at_home = at_joints(truth, home())
     off = (at_joints(truth, moved) * place).translation - (at_home * place).translation
     ways = {"before": seen(home(), np.zeros(3), 1e-4), "after": seen(moved, off, 1e-4)}
-    good, text, of95 = _judge_driven(driven(at_home, True, **ways), truth)
-    assert good, text
-    assert max(of95.values()) < 1e-3
-    assert text.endswith("corrected is called surely nearer, and truly is NOT")
+    subject = _judge_driven(driven(at_home, True, **ways), truth)
+    assert subject.good, subject.text
+    assert max(subject.of95.values()) < 1e-3
+    assert subject.text.endswith("corrected is called surely nearer, and truly is NOT")
     ways["after"].off[0] += 0.002
-    assert not _judge_driven(driven(at_home, True, **ways), truth)[0]
+    wrong = _judge_driven(driven(at_home, True, **ways), truth)
+    assert not wrong.good
+    (name,) = wrong.of95
+    size, unit = wrong.limits95[name]
+    assert (wrong.of95[name] * size, unit) == (pytest.approx(0.002, rel=1e-3), "m")

@@ -13,6 +13,7 @@ from procedures.beside_truth import Judged
 from procedures.documents import read_result
 from procedures.iso9283.result import Iso9283Result
 from procedures.iso9283.truth import judge_iso9283
+from procedures.words import mm
 from tests.kit.example_cell import ISO9283, LASER_TRACKER, whole_example
 
 SHORT = {"[job.tracker-sampling]": ISO9283["[job.tracker-sampling]"].replace("cube =", "cycles = 8\ncube =")}
@@ -57,6 +58,12 @@ def test_accuracy_and_repeatability_of_a_rehearsal_agree_with_the_truth_and_fals
     assert (outcome.good, outcome.inside95) == (True, True)
     assert set(outcome.of95) == {"the worst AP", "the worst RP"}
     assert "deviation" in outcome.off
+    assert {name: unit for name, (_, unit) in outcome.limits95.items()} == {
+        "the worst AP": "m",
+        "the worst RP": "1",
+    }
+    off_m = outcome.of95["the worst AP"] * outcome.limits95["the worst AP"][0]
+    assert mm(off_m) in outcome.off
 
     second = next(p for p in subject.found.result.poses if p.name == "P2")
     shifted = [d + 2.0 * second.AP_U for d in second.deviation]

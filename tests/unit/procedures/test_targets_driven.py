@@ -14,6 +14,7 @@ from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.truth import judge_standard
 from procedures.eye_to_hand.words import axbc_lines
 from procedures.report.source import Source
+from procedures.words import deg, mm
 from tests.chaos.matrix import inject_at, kind
 from tests.kit.check_cell import (
     AWAY,
@@ -61,6 +62,13 @@ def test_corrected_targets_are_nearer_and_what_is_stated_of_them_is_true(tmp_pat
             judged = judge_standard(found, truth, cell.folder(run_id).path)
             print("\n".join(axbc_lines(found)), judged.text, sep="\n")
             assert judged.good, judged.text
+            assert {name: unit for name, (_, unit) in judged.limits95.items()} == {
+                "translation": "m",
+                "rotation": "rad",
+                "the worst of 8 arrivals": "m",
+            }
+            off = {name: judged.of95[name] * size for name, (size, _) in judged.limits95.items()}
+            assert judged.off == f"{mm(off['translation'])}, {deg(off['rotation'])}"
             assert "common to all targets, and its own part added in squares)" in "\n".join(axbc_lines(found))
             assert solve_axbc(cell.folder(run_id).path)["result"] == result["result"]
             assert found.result.driven is not None
