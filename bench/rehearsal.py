@@ -5,9 +5,10 @@ job: in how many twins it ended well, in how many the result's errors were all b
 for them, with the exact 95 % interval of that share, the cell's time, the computer's (its processor's), and
 the longest time that a person waits. Below it are each error that has a limit with a unit beside that limit
 (both RMS over the twins), the twins that took more than the minute that a rehearsal may take, those in
-which it did not end well, and those outside: each error there in units of its limit. The cell is
-``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets
-alone, and a section of iso9283. With ``--keep FILE`` a bench that was ended goes on where it was, and the
+which it did not end well, and those outside: each error there in units of its limit. A job with a word behind
+a slash is rehearsed with that source. The cell is ``deploy/cell.toml`` with every part that is
+commented out there, its palletizer for corrected-targets alone, and sections of iso9283 and of the delay
+of the belt's encoder. With ``--keep FILE`` a bench that was ended goes on where it was, and the
 table is made of all twins in the file.
 """
 
@@ -29,7 +30,7 @@ from scipy.special import betaincinv
 
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
-from tests.kit.example_cell import ISO9283, LASER_TRACKER, palletizer_example, whole_example
+from tests.kit.example_cell import ENCODER_DELAY, ISO9283, LASER_TRACKER, palletizer_example, whole_example
 
 JOBS = (
     "cone-capture",
@@ -37,6 +38,7 @@ JOBS = (
     "laser-check",
     "laser-update",
     "latency-calibration",
+    "latency-calibration/belt",
     "tracker-sampling",
     "iso9283",
     "corrected-targets",
@@ -53,7 +55,13 @@ BELT = {
         "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
     )
 }
-CHANGED = {"belt": BELT, "tracker": LASER_TRACKER, "iso9283": LASER_TRACKER | ISO9283}
+CHANGED = {
+    "belt-calibration": BELT,
+    "belt-tracking": BELT,
+    "tracker-sampling": LASER_TRACKER,
+    "iso9283": LASER_TRACKER | ISO9283,
+    "latency-calibration/belt": ENCODER_DELAY,
+}
 MINUTE_S = 60.0
 UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "s": ("ms", 1e3), "1": ("%", 100.0)}  # for people's eyes
 
@@ -100,7 +108,7 @@ def main(arguments: list[str]) -> None:
             with options.keep.open("a", encoding="utf-8") as file:
                 file.write(kept[-1].as_json() + "\n")
     print(
-        f"{'job':22}{'twins':>6}{'ended well':>12}{'inside 95 %':>24}{'cell, s':>9}{'computer, s':>13}"
+        f"{'job':26}{'twins':>6}{'ended well':>12}{'inside 95 %':>24}{'cell, s':>9}{'computer, s':>13}"
         f"{'longest wait, s':>17}"
     )
     for job in jobs:
@@ -123,7 +131,7 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
     computer = sum(played.computer_s for played in of_job) / len(of_job)
     waited = {played.outcome.seed: played.wall_s for played in of_job if played.wall_s is not None}
     wall = f"{max(waited.values()):17.1f}" if waited else f"{'-':>17}"
-    yield f"{of_job[0].job:22}{len(outcomes):6}{well:12}{inside:>24}{cell:9.0f}{computer:13.1f}{wall}"
+    yield f"{of_job[0].job:26}{len(outcomes):6}{well:12}{inside:>24}{cell:9.0f}{computer:13.1f}{wall}"
     for seed, wall_s in sorted(waited.items()):
         if wall_s > MINUTE_S:
             yield f"    twin {seed}: MORE THAN A MINUTE, {wall_s:.0f} s"
@@ -161,9 +169,9 @@ def _play(job: str, seed: int) -> Played:
     began, clock = time.process_time(), time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:
         cell = palletizer_example if job == "corrected-targets" else whole_example
-        path = cell(Path(folder), CHANGED.get(job.partition("-")[0], {}))
+        path = cell(Path(folder), CHANGED.get(job, {}))
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            outcome = rehearse(load_config(path), path, job, seed, Path(folder))
+            outcome = rehearse(load_config(path), path, job.partition("/")[0], seed, Path(folder))
     return Played(job, outcome, time.process_time() - began, time.perf_counter() - clock)
 
 

@@ -28,6 +28,12 @@ T_base_tracker_nominal = [-2.4, -1.7, 1.1, 0.0, 0.0, -0.95]
 [job.tracker-sampling]"""
 }
 
+# The delay of the encoder on the example's belt.
+ENCODER_DELAY = {
+    "[job.belt-calibration]": (
+        '[job.latency-calibration]\nsource = "belt"\nbelt_z_m = 0.15\n[job.belt-calibration]'
+    )
+}
 
 # The example's palletizer in place of its arm in what the tracker samples, and targets for it.
 PALLETIZER = LASER_TRACKER | {

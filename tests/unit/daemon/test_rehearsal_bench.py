@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import bench.rehearsal as subject
+from daemon.config import CellConfig
 from daemon.rehearsal.play import RehearsedRun
 
 
@@ -60,6 +61,19 @@ def test_a_bench_goes_on_where_it_was_and_tells_which_error_was_outside(
     assert told[3:] == [
         f"    twin {seed}: outside; of the 95 % limits: shift 0.50, turn 1.25" for seed in (4, 8)
     ]
+
+
+def test_the_delay_of_an_encoder_is_a_row_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def rehearse(config: CellConfig, path: Path, job: str, *_: object) -> RehearsedRun:
+        asked.append((job, config.job["latency-calibration"]["source"]))
+        return RehearsedRun(1, "complete", 60.0)
+
+    monkeypatch.setattr(subject, "rehearse", rehearse)
+    assert "latency-calibration/belt" in subject.JOBS
+    assert subject._play("latency-calibration/belt", 1).job == "latency-calibration/belt"
+    assert asked == [("latency-calibration", "belt")]
 
 
 def test_what_is_kept_is_read_as_it_was_also_with_figures_that_are_no_more(tmp_path: Path) -> None:
