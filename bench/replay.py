@@ -6,7 +6,7 @@ Twin and daemon run the job as processes and record every byte (``[cell] record 
 runs on virtual time in this process, with the drivers connected to the recording alone. The figures of the
 two results are compared one by one: how many there are, how many are not the same number, and the largest
 difference, of the number itself or of the largest beside it in a list. Times of day and of solving are left
-out.
+out. Of picking a second line tells how far the set-points of the two are apart.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 from bench.hiccups import SCENES
+from tests.kit.picks_compared import compare_picks
 from tests.kit.replayed import as_replayable, compared, record, replay
 
 
@@ -44,11 +45,14 @@ def main() -> None:
             played = time.monotonic() - begun
             ends = f"{session.outcomes[-1]}, {again.outcomes[-1]}"
             figures, unequal, most, where = compared(session.results[-1], again.results[-1])
+            picks = compare_picks(session.state, again.state)
         print(
             f"{job:22}{ran:7.0f}s{size / 1e6:10.1f}MB{played:8.0f}s  {ends:26}"
             f"{figures:8}{unequal:10}{most:19.1e}  {where}",
             flush=True,
         )
+        if picks.steps[0]:
+            print(f"  {picks}", flush=True)
 
 
 if __name__ == "__main__":

@@ -167,11 +167,12 @@ class SharedBus:
 
     def _readable(self, bus: can.BusABC) -> None:
         messages: list[can.Message] = []
+        frames: list[bytes] = []
         failure, bus_off = "", False
         try:
             while len(messages) < _MOST_AT_ONCE and (message := bus.recv(0)) is not None:
                 if self._tap is not NO_TAP:
-                    self._tap.received(_kernel_frame(message))
+                    frames.append(_kernel_frame(message))
                 if not message.is_error_frame:
                     messages.append(message)
                     continue
@@ -183,6 +184,10 @@ class SharedBus:
         except (can.CanError, OSError) as exc:
             failure = words(exc)
         looked, self._looked = self._looked, self._clock.now()
+        for frame in frames:
+            self._tap.received(frame, self._looked)
+        if isinstance(bus, GatewayBus):
+            bus.record_received(self._looked)
         if messages:
             self._heard = self._looked
             for listener in tuple(self._listeners):

@@ -32,6 +32,7 @@ class GatewayBus(can.BusABC):
         self.malformed = 0
         self._text = ""
         self._tokens: deque[str] = deque()
+        self._unrecorded: list[bytes] = []
         self._write_timeout = timeout
         deadline = time.monotonic() + timeout
         self._socket = socket.create_connection((address.host, address.port), timeout)
@@ -52,6 +53,12 @@ class GatewayBus(can.BusABC):
 
     def fileno(self) -> int:
         return self._socket.fileno()
+
+    def record_received(self, t: float | None = None) -> None:
+        """What was read belongs to ``t``, the monotonic s that its frames are taken to have come by."""
+        for chunk in self._unrecorded:
+            self._tap.received(chunk, t)
+        self._unrecorded.clear()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """``CanOperationError`` when the gateway does not take it in time."""
@@ -86,7 +93,7 @@ class GatewayBus(can.BusABC):
             raise can.CanOperationError(f"the gateway is gone ({exc.strerror})") from exc
         if not chunk:
             raise can.CanOperationError("the gateway closed the connection")
-        self._tap.received(chunk)
+        self._unrecorded.append(chunk)
         self._text += chunk.decode("ascii", "replace")
         end = 0
         for found in _TOKEN.finditer(self._text):
@@ -116,6 +123,7 @@ class GatewayBus(can.BusABC):
             if left <= 0.0:
                 raise can.CanInitializationError(f"the gateway did not say '{answer}' in time")
             self._fill(left)
+            self.record_received()
         token = self._tokens.popleft()
         if token != answer:
             raise can.CanInitializationError(f"the gateway said '{token}' instead of '{answer}'")

@@ -4,10 +4,11 @@ import asyncio
 import socket
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import can
 import numpy as np
 import psutil
 import pytest
@@ -16,6 +17,11 @@ from cell.clock import MonotonicClock
 from cell.devices import Encoder
 from cell.errors import CellError
 from cell.samples import Quality
+from cell.wire_recording.reader import read_recording
+from cell.wire_recording.tap import recorded_by
+from cell.wire_recording.writer import WireRecorder
+from drivers.can_bus.address import parse_bus
+from drivers.can_bus.shared import Ids, bus_at
 from drivers.can_encoder import CanopenEncoder, RawCanEncoder, RawCanEncoderConfig
 from fakes.can.bus import Frame
 from fakes.faults.vocabulary import Fault
@@ -340,6 +346,41 @@ def test_a_gateway_may_send_a_frame_along_with_its_answer() -> None:
         await asyncio.sleep(0.05)  # the other end sees the connection closed
 
     asyncio.run(whole())
+
+
+def test_a_recording_has_a_gateways_bytes_at_the_time_that_the_drivers_work_with(tmp_path: Path) -> None:
+    """Played again, a frame is as old as it was: a belt is forecast from these times."""
+    heard: list[float] = []
+
+    class Hearing:
+        ids: Ids = ()
+
+        def receive(self, messages: Sequence[can.Message], looked: float, now: float) -> None:
+            heard.append(now)
+
+        def hear_error_frame(self) -> None: ...
+        def lose(self, why: str, bus_off: bool) -> None: ...
+
+    async def whole() -> None:
+        async with can_rig(HOST) as rig:
+            listener = Hearing()
+            listener.ids = [(rig.node.position_id, False)]
+            bus = bus_at(parse_bus(rig.wires.buses["socketcand"]), MonotonicClock())
+            device = rig.driver("socketcand")
+            with recorded_by(recorder):
+                await bus.join(listener, 2.0)
+            await device.open()  # which starts the node
+            await asyncio.sleep(0.3)
+            await device.close()
+            await bus.leave(listener)
+
+    recorder = WireRecorder(tmp_path, 1 << 20)
+    asyncio.run(whole())
+    recorder.close()
+    (subject,) = read_recording(tmp_path).of("socketcand")
+    told = {record.t for record in subject.records if record.data.startswith(b"< frame") and not record.sent}
+    assert len(heard) > 20
+    assert set(heard) <= told
 
 
 def test_a_bus_that_is_not_there_is_told_soon(tmp_path: Path) -> None:

@@ -21,8 +21,9 @@ from unittest.mock import patch
 
 from cell.clock import Clock
 from cell.motion import MotionBroker
+from cell.store.journal import read_journal
 from cell.store.ledger import Ledger
-from cell.store.runs import list_runs
+from cell.store.runs import JOURNAL_FILE, list_runs
 from cell.wire_recording.reader import WireRecording, read_recording
 from daemon.cell_context import CellContext
 from daemon.composition import supervised_devices
@@ -34,13 +35,13 @@ from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from drivers.oak.link import ChildLink
 from drivers.ur.motion_client import MotionClient
-from fakes.object import VirtualClock
 from fakes.object.loop import VirtualTimeLoop, run_virtual
 from fakes.replay.dialects import BY_NUMBER, Cutter
 from fakes.replay.player import WirePlayer
 from fakes.world.toml_text import to_toml
 from procedures.registry import JOBS
 from tests.kit.object_cell import on_disk
+from tests.kit.stream_instants import RecordedClock, first_counts, steps_of
 from tests.kit.wire_cell import WireCell, pause, wire_cell
 
 WHO = "test"
@@ -55,8 +56,13 @@ class Session:
     did: list[tuple[float, str, dict[str, Any]]] = field(default_factory=list)
 
     @property
+    def state(self) -> Path:
+        """The daemon's state folder."""
+        return self.folder / "state"
+
+    @property
     def recording(self) -> WireRecording:
-        (folder,) = (self.folder / "state" / "recordings").iterdir()
+        (folder,) = (self.state / "recordings").iterdir()
         return read_recording(folder)
 
     @property
@@ -67,12 +73,18 @@ class Session:
     @property
     def results(self) -> list[dict[str, Any]]:
         """Of the runs, oldest first; {} of one without a result."""
-        return [run.read_result() or {} for run in list_runs(self.folder / "state" / "runs")]
+        return [run.read_result() or {} for run in list_runs(self.state / "runs")]
+
+    @property
+    def starts(self) -> list[float]:
+        """When each run began, by its journal, monotonic s."""
+        runs = list_runs(self.state / "runs")
+        return [next(line["t"] for line in read_journal(run.path / JOURNAL_FILE)) for run in runs]
 
     @property
     def outcomes(self) -> list[str]:
         """How the runs ended."""
-        ends = [run.read_end() for run in list_runs(self.folder / "state" / "runs")]
+        ends = [run.read_end() for run in list_runs(self.state / "runs")]
         return ["no end" if end is None else end["outcome"] for end in ends]
 
 
@@ -155,18 +167,19 @@ def replay(session: Session, folder: Path, limit_s: float = 3600.0) -> Session:
     path.chmod(0o600)
     config = load_config(path)
     recording = session.recording
-    clock = VirtualClock(recording.begin - LEAD_S)
+    steps, counts = steps_of(session.state), first_counts(session.state)
+    clock = RecordedClock(recording.begin - LEAD_S, steps[:, 0].tolist(), counts)
     run_virtual(_play(session, recording, config, clock), limit_s)
     return Session(folder)
 
 
-async def _play(session: Session, recording: WireRecording, config: CellConfig, clock: VirtualClock) -> None:
+async def _play(session: Session, recording: WireRecording, config: CellConfig, clock: RecordedClock) -> None:
     state = Path(config.cell.state_dir)
     runs = state / "runs"
     runs.mkdir(exist_ok=True)
     ledger = on_disk(Ledger, state / "ledger.sqlite")
     async with WirePlayer(recording, clock) as player:
-        with _stand_ins(player, clock):
+        with _stand_ins(player, clock), clock.pacing():
             supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
             worker = RecordedPace(clock, session, recording)
             context = CellContext(config, clock, worker, supervisor, MotionBroker(clock), ledger)
@@ -184,7 +197,10 @@ async def _play(session: Session, recording: WireRecording, config: CellConfig, 
 
 async def _do_again(session: Session, engine: Engine, clock: Clock) -> None:
     """What people did, at the times at which they did it, but not before the cell asks for it."""
+    starts = session.starts
     for t, method, params in session.did:
+        if method == "start":
+            t = starts.pop(0)
         await clock.sleep(max(t - clock.now(), 0.0))
         if method == "start":
             while engine.active:
