@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.known_cell import KnownBelt, KnownGripper
+from cell.usual_belt import SCALE_SHARE, TURN_RAD
 from cell.usual_delays import ENCODER_JITTER_S, ENCODER_LATE_S
 
-SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against the arm's base: assumptions
 UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
 SPACING_M = 0.4
 # A person at a belt's switch, and the ramps of its drive: assumptions, those of the demo's delays.
@@ -31,7 +31,7 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator, arm_late_s: float) -> 
             "serial": SERIAL,
             "jitter_s": ENCODER_JITTER_S,
             "late_s": max(float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)) - arm_late_s, 0.0),
-            "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
+            "m_per_count": known.m_per_count * float(1.0 + SCALE_SHARE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),
             "period_s": known.period_s,

@@ -15,10 +15,12 @@ from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.contact_uncertainty import (
     BELT,
+    CALIBRATE,
     CAMERA,
     DELAYS,
-    NO_BELT,
+    LARGER_BELT,
     NO_CAMERA,
+    NOT_CALIBRATED,
     SIGHTINGS,
     ContactError,
     belt_sigmas,
@@ -30,6 +32,7 @@ from procedures.setup import Setup
 from procedures.words import mm
 
 _NOT_YET = "what the belt does meanwhile, how the arm follows, and its own accuracy"
+_NOT_SEEN = "scale and direction of the belt, as no nominal pose of the camera says where items are seen"
 _SMEARED = "the smear of a camera that exposes by itself (exposure_s is not given)"
 
 
@@ -54,10 +57,9 @@ def expected_contacts(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
 
 
 def _assumed(known: "_Known") -> str:
-    if not known.assumed:
-        return ""
-    measure = MEASURE.format(CAMERA_ROLE)
-    return f", and by an assumption {'; '.join(known.assumed)}, which {measure} measures"
+    measured = zip(known.assumed, known.measured_by, strict=True)
+    parts = [f"{what}, which {by} measures" for what, by in measured]
+    return f", and by an assumption {'; '.join(parts)}" if parts else ""
 
 
 def _beyond(rows: list[tuple[float, ContactError]], limit_m: float) -> Iterator[str]:
@@ -81,16 +83,20 @@ class _Known:
         seen = _below_camera(setup, job)
         self._camera = None if seen is None else _camera(setup, job, seen)
         of_belt = setup.stated(belt_scale(setup.roles[ENCODER_ROLE]))
-        self._scale, self._turn = belt_sigmas(of_belt, belt)
+        self._belt = belt_sigmas(of_belt, belt)
         middle = 0.5 * (job.zone.min_m + job.zone.max_m)
-        self._moved = 0.0 if seen is None else middle - float(seen[:2] @ self._along)
+        self._moved = None if seen is None else middle - float(seen[:2] @ self._along)
         delays = StampDelays({role: _delay(setup, role) for role in (CAMERA_ROLE, ENCODER_ROLE)})
         self._delays = delays
-        self.assumed = [] if delays.camera_measured else delays.assumed()[:1]  # an even speed asks no count
+        assumed = {} if self._belt.calibrated else {NOT_CALIBRATED: CALIBRATE}
+        if not delays.camera_measured:  # an even speed asks no count
+            assumed[delays.assumed()[0]] = MEASURE.format(CAMERA_ROLE)
+        self.assumed, self.measured_by = list(assumed), list(assumed.values())
         exposure = getattr(setup.devices.get(setup.roles[CAMERA_ROLE]), "exposure_s", 0.0)
         self.without = [
             *([NO_CAMERA] if self._camera is None else []),
-            *([NO_BELT] if self._scale is None or seen is None else []),
+            *([_NOT_SEEN] if seen is None else []),
+            *([] if self._belt.calibrated else [LARGER_BELT]),
             *([_SMEARED] if exposure is None else []),
             _NOT_YET,
         ]
@@ -102,8 +108,8 @@ class _Known:
         parts = {SIGHTINGS: CAMERA_SIGMA**2 / self._sightings * np.eye(2)}
         if self._camera is not None:
             parts[CAMERA] = self._camera
-        if self._scale is not None and self._turn is not None:
-            parts[BELT] = self._moved**2 * (self._scale**2 * along + self._turn**2 * across)
+        if self._moved is not None:
+            parts[BELT] = self._moved**2 * self._belt.cov(along, across)
         parts[DELAYS] = self._delays.variance(speed_m_s, speed_m_s) * along
         return ContactError(parts)
 

@@ -6,7 +6,7 @@ any of them; it does not get less with their number.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from calibration.belt.forecast import TravelForecast
 from calibration.belt.tracking import ItemTrack
 from cell.poses import Array
 from cell.run_values import RunValues
+from cell.usual_belt import SCALE_SHARE, TURN_RAD
 from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.stamp_delays import StampDelays
@@ -27,7 +28,12 @@ LARGER_DELAYS = (
     "larger delays than are assumed: of a camera whose driver stamps pictures as they arrive, of a USB "
     "adapter whose latency timer is left at 16 ms, of a controller of 125 Hz"
 )
-NO_BELT = "scale and direction of the belt, which are configured and not calibrated"
+NOT_CALIBRATED = (
+    f"the configured travel of one count as off by {100 * SCALE_SHARE:g} % and the configured direction by "
+    f"{1e3 * TURN_RAD:g} mrad (root mean square)"
+)
+CALIBRATE = "`cellward start belt-calibration`"
+LARGER_BELT = "a belt that is further from its configured travel and direction than is assumed"
 _NEVER = (
     "how an item lies in the gripper and what the fingers do to it",
     "a belt that is not as high as belt_z_m says",
@@ -74,7 +80,7 @@ class ContactBudget:
     def __init__(self, values: RunValues, camera_to_belt: CameraToBelt) -> None:
         self._camera = camera_to_belt
         belt = next((name for name in values.versions if name.startswith("belt.")), "")
-        self._scale, self._turn = belt_sigmas(values.uncertainty.get(belt, {}), values.belt)
+        self._belt = belt_sigmas(values.uncertainty.get(belt, {}), values.belt)
         self.delays = StampDelays(values.time_offset_s)
         self._arm_m = arm_rms_m(values, CAMERA_POSE)
         self.camera_known = self.followed = True
@@ -93,9 +99,8 @@ class ContactBudget:
             SIGHTINGS: place.var_along * along + place.var_across * across,
             MOTION: (forecast.sigma(place.at, t) * flat) ** 2 * along,
             PLAN: np.outer(beside, beside),
+            BELT: moved**2 * self._belt.cov(along, across),
         }
-        if self._scale is not None and self._turn is not None:
-            parts[BELT] = (self._scale * moved) ** 2 * along + (self._turn * moved) ** 2 * across
         camera = self._camera.left_open(seen)
         if camera is not None:
             parts[CAMERA] = camera
@@ -108,6 +113,10 @@ class ContactBudget:
         self.camera_known, self.followed = camera is not None, following is not None
         return ContactError(parts)
 
+    def assumed(self) -> list[str]:
+        """In words, what the figures have by an assumption, as it was not measured."""
+        return [*([] if self._belt.calibrated else [NOT_CALIBRATED]), *self.delays.assumed()]
+
     def not_covered(self) -> list[str]:
         """What the figures leave out, in words: for want of a measurement, or as nothing here sees it."""
         out = []
@@ -115,8 +124,8 @@ class ContactBudget:
             out.append("the arm's own accuracy, which was not measured")
         if not self.camera_known:
             out.append(NO_CAMERA)
-        if self._scale is None:
-            out.append(NO_BELT)
+        if not self._belt.calibrated:
+            out.append(LARGER_BELT)
         if not self.followed:
             out.append("how the arm follows its set-points, which no grip has shown")
         if self.delays.assumed():
@@ -156,13 +165,22 @@ def _speed_at(forecast: TravelForecast, t: float) -> float:
     return forecast.speed(max(t, forecast.now))
 
 
-def belt_sigmas(
-    stated: Mapping[str, Any], belt: Mapping[str, Any] | None
-) -> tuple[float | None, float | None]:
-    """Standard deviations of the scale of ``belt``, as a share, and of its direction, rad, from what its
-    calibration has ``stated``; None of a belt that is not calibrated."""
+class BeltSigmas(NamedTuple):
+    """Standard deviations of a belt's scale, as a share of it, and of its direction, rad."""
+
+    scale: float
+    turn: float
+    calibrated: bool
+
+    def cov(self, along: Array, across: Array) -> Array:
+        """(2, 2), m^2 for a way of one metre; ``along`` and ``across`` (2, 2) project onto these axes."""
+        return np.asarray(self.scale**2 * along + self.turn**2 * across)
+
+
+def belt_sigmas(stated: Mapping[str, Any], belt: Mapping[str, Any] | None) -> BeltSigmas:
+    """Of ``belt``, from what its calibration has ``stated``; of one that is not calibrated the usual."""
     interval, turn = stated.get("m_per_count_95"), stated.get("dir_95_rad")
     if interval is None or turn is None or belt is None:
-        return None, None
+        return BeltSigmas(SCALE_SHARE, TURN_RAD, False)
     half = 0.5 * abs(float(interval[1]) - float(interval[0]))
-    return half / abs(float(belt["m_per_count"])) / K95, float(turn) / K95
+    return BeltSigmas(half / abs(float(belt["m_per_count"])) / K95, float(turn) / K95, True)

@@ -3,7 +3,7 @@
 from cell.formats.result import Empty, Warning_
 from cell.run_values import RunValues
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.contact_uncertainty import shares
+from procedures.belt.contact_uncertainty import CALIBRATE, NOT_CALIBRATED, shares
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
@@ -22,6 +22,8 @@ from procedures.belt.result import (
 )
 from procedures.belt.stamp_delays import StampDelays
 from procedures.words import mm
+
+_NOMINAL = f"the belt is not calibrated: {NOT_CALIBRATED} counts in contact_95_m; {CALIBRATE} measures both"
 
 
 def result_of(
@@ -72,7 +74,7 @@ def result_of(
         warnings.append(Warning_(code="belt.grip-timeout", text=tight))
     warnings += emergency_warnings(watch.emergencies.told)
     if not any(name.startswith("belt.") for name in values.versions):
-        warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
+        warnings.append(Warning_(code="belt.nominal", text=_NOMINAL))
     budget = following.contacts.budget
     delays = StampDelays(values.time_offset_s) if budget is None else budget.delays
     warnings += delays.warnings()

@@ -245,7 +245,7 @@ class PickingAnswer(Part):
     contact_95_assumed: list[str] | None = Field(
         default=None,
         description="In words, what that figure has by an assumption, as it was not measured: the delays of "
-        "stamps. Null in results of before these were assumed.",
+        "stamps, scale and direction of the belt. Null in results of before these were assumed.",
     )
     contact_95_without: list[str] | None = Field(
         default=None, description="In words, what may put a contact off and is not in that figure."

@@ -47,9 +47,11 @@ class BeltCalibrationConfig(BaseModel):
         "much (95 %); m_per_count is then in proportion",
     )
     items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
-    sightings: int = Field(default=80, ge=10, le=2000, description="camera: take so many at least")
+    sightings: int = Field(default=200, ge=10, le=2000, description="camera: take so many at least")
+    # Over half a metre too few items passed to tell the camera's own pattern over the picture from a scale,
+    # and one belt of six was known no better than max_scale_share; over this way all were.
     travel_m: float = Field(
-        default=0.5, gt=0, le=20, description="camera: and watch for so long a way of the items"
+        default=1.5, gt=0, le=20, description="camera: and watch for so long a way of the items"
     )
     standing_s: float = Field(default=1.0, gt=0, le=60, description="no count for so long: the belt stands")
     patience_s: float = Field(

@@ -80,4 +80,4 @@ class ContactCheck:
     @property
     def assumed(self) -> list[str] | None:
         """What these figures have by an assumption, in words; None without a figure."""
-        return self.budget.delays.assumed() if self.budget is not None and self.stated else None
+        return self.budget.assumed() if self.budget is not None and self.stated else None

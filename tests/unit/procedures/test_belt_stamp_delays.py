@@ -88,9 +88,12 @@ def test_what_is_stated_is_how_late_such_devices_put_contacts(
 def test_check_counts_a_delay_that_was_not_measured_and_names_what_measures_it(tmp_path: Path) -> None:
     config = picking_config(tmp_path)
     setup, job = setup_of(config), BeltTrackingConfig.model_validate(config.job[JOB])
-    measured = {"time_offset_s.camera": {"interval95_s": [0.0, 0.0004]}}
-    exact = replace(setup, stated=lambda name: measured.get(name, {}))
-    unknown, known = (expected_contacts(each, job) for each in (setup, exact))
+    belt = {"belt.belt": {"m_per_count_95": [0.999e-4, 1.001e-4], "dir_95_rad": 1e-3}}
+    measured = {**belt, "time_offset_s.camera": {"interval95_s": [0.0, 0.0004]}}
+    late, exact = (
+        replace(setup, stated=lambda name, known=known: known.get(name, {})) for known in (belt, measured)
+    )
+    unknown, known = (expected_contacts(each, job) for each in (late, exact))
     wide, narrow = (found["contacts"][-1]["contact_parts_95_m"]["delays"] for found in (unknown, known))
     speed_m_s = unknown["contacts"][-1]["speed_m_s"]
     assert wide == pytest.approx(1.96 * speed_m_s * np.hypot(CAMERA.rms_s, ARM.rms_s), rel=0.01)
@@ -101,6 +104,10 @@ def test_check_counts_a_delay_that_was_not_measured_and_names_what_measures_it(t
     assert "`cellward start latency-calibration -p source=fixed_camera` measures" in unknown["text"]
     assert known["assumed"] == []
     assert "latency-calibration" not in known["text"]
+    nominal = expected_contacts(setup, job)
+    assert len(nominal["assumed"]) == 2
+    assert "which `cellward start belt-calibration` measures" in nominal["text"]
+    assert "belt-calibration" not in unknown["text"]
 
 
 @pytest.mark.parametrize("known_s", [None, 0.001])

@@ -89,6 +89,16 @@ def test_a_delay_that_was_not_measured_widens_what_is_stated() -> None:
     assert unknown.r95_m > known.r95_m
 
 
+def test_a_belt_that_nobody_calibrated_widens_what_is_stated() -> None:
+    item = track()
+    nominal = budget({**CALIBRATED, "uncertainty": {}})
+    way = V * (NOW + 0.1 - np.mean(SEEN_S))
+    found = nominal.of(touch(item), np.zeros((3, 3)), None).parts["belt calibration"]
+    assert np.sqrt(np.diag(found)) == pytest.approx([5e-3 * way, 5e-3 * way], rel=0.01)
+    assert "0.5 % and the configured direction by 5 mrad" in nominal.assumed()[0]
+    assert not any("direction" in told for told in budget(CALIBRATED).assumed())
+
+
 def test_the_whole_is_larger_than_any_part_and_shares_add_up() -> None:
     of = budget(CALIBRATED, 1e-8 * np.eye(2)).of
     near, far = (of(touch(track(), NOW + ahead), np.zeros((3, 3)), 1e-8 * np.eye(2)) for ahead in (0.1, 0.6))
@@ -106,12 +116,12 @@ def test_the_whole_is_larger_than_any_part_and_shares_add_up() -> None:
 def test_what_was_not_measured_is_named() -> None:
     unknown = budget({"belt": CALIBRATED["belt"]})
     parts = unknown.of(touch(track()), np.zeros((3, 3)), None).parts
-    assert set(parts) == {"sightings", "belt motion", "plan", "delays"}
+    assert set(parts) == {"sightings", "belt motion", "plan", "belt calibration", "delays"}
     told = "; ".join(unknown.not_covered())
     for word in (
         "arm's own accuracy",
         "pose and lens",
-        "scale and direction",
+        "further from its configured travel and direction",
         "row_time_s",
         "gripper",
     ):
