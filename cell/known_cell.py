@@ -20,13 +20,22 @@ class KnownLens:
 
 
 @dataclass(frozen=True)
+class KnownDelay:
+    """How late the stamps of a device are against the arm's, as the cell has measured it: ``late_s``, with
+    the standard deviation ``sigma_s``."""
+
+    late_s: float
+    sigma_s: float
+
+
+@dataclass(frozen=True)
 class KnownPictures:
     """What a camera's section asks of it: ``width`` and ``height`` in pixels, ``fps`` pictures a second.
 
     ``exposure_s``: fixed, None: automatic. ``row_time_s``: from row to row, None: by the sensor. ``depth``:
     with a stereo pair, whose pictures are ``stereo_height`` pixels high and matched to
     2 ** ``stereo_subpixel_bits`` steps of a pixel. ``lens``: as a calibration of pictures of this size found
-    it, None: none has.
+    it, None: none has. ``delay``: of its stamps, None: nobody measured it.
     """
 
     width: int = 1280
@@ -38,6 +47,7 @@ class KnownPictures:
     stereo_height: int = 400
     stereo_subpixel_bits: int | None = None  # three, as the device has them by itself
     lens: KnownLens | None = None
+    delay: KnownDelay | None = None
 
 
 @dataclass(frozen=True)
@@ -142,7 +152,8 @@ class KnownBelt:
 
     ``above`` (3,) is in the base; items come through below it. They are between the two heights.
     ``period_s``: between two positions of the encoder; ``range_counts``: its count goes back to 0 there, None
-    where no section tells it. ``stops``: it is stopped and started again and again.
+    where no section tells it. ``stops``: it is stopped and started again and again. ``delay``: of its
+    stamps, None: nobody measured it.
     """
 
     m_per_count: float
@@ -154,6 +165,7 @@ class KnownBelt:
     stops: bool = False
     period_s: float = 0.005
     range_counts: int | None = None
+    delay: KnownDelay | None = None
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from cell.calibrations import time_offset
 from cell.errors import CellError, error
 from cell.known_cell import (
     KnownBeams,
     KnownBelt,
     KnownCamera,
+    KnownDelay,
     KnownGripper,
     KnownLens,
     KnownObserved,
@@ -16,6 +18,7 @@ from cell.known_cell import (
     KnownRack,
     KnownTracker,
 )
+from procedures.report.numbers import K95
 from procedures.setup import Setup
 
 _ARM_SIGNALS = range(18)  # of its digital inputs and outputs
@@ -33,7 +36,7 @@ class Rehearsal:
     places the target anew at each prompt; ``bumps_tool``: the tool is hit just before the job; after
     ``items`` the job is finished, 0: it ends by itself. ``held``: how a person brings the tool's point over
     corners of the target, which was moved on before. ``calibrated_camera``: a calibration of the fixed
-    camera is in effect before; ``measured_camera``: and its delay was measured.
+    camera is in effect before; ``measured_camera``: and its delay was measured, also where the cell has not.
     """
 
     look: str
@@ -107,20 +110,36 @@ def gripper(setup: Setup, place_clear: str | None = None) -> KnownGripper:
 
 
 def pictures(setup: Setup, role: str) -> KnownPictures:
-    """What the section of the camera with this role asks of it, and the lens that the hand-eye in effect
-    found for such pictures; none where the ledger cannot be read, as by who may rehearse and no more."""
+    """What the section of the camera with this role asks of it, the lens that the hand-eye in effect found
+    for such pictures, and the delay in effect."""
     section = setup.devices.get(setup.roles.get(role, ""))
     asked = {key: getattr(section, key) for key in _OF_PICTURES if hasattr(section, key)}
-    made = KnownPictures(**asked)
-    try:
-        found = setup.stated("T_flange_camera" if role == "flange_camera" else "T_base_camera").get("lens")
-    except CellError as exc:
-        if exc.name != "ACCESS_DENIED":
-            raise
-        found = None
+    made = KnownPictures(**asked, delay=measured_delay(setup, role))
+    found = _stated(setup, "T_flange_camera" if role == "flange_camera" else "T_base_camera").get("lens")
     if found is None or (found["width"], found["height"]) != (made.width, made.height):
         return made
     return replace(made, lens=KnownLens(found["K"], found["dist"]))
+
+
+def measured_delay(setup: Setup, role: str) -> KnownDelay | None:
+    """Of the stamps of the device with this role, by the version in effect."""
+    if (device := setup.roles.get(role)) is None:
+        return None
+    interval = _stated(setup, time_offset(device)).get("interval95_s")
+    if interval is None:
+        return None
+    low, high = interval
+    return KnownDelay(0.5 * (low + high), 0.5 * (high - low) / K95)
+
+
+def _stated(setup: Setup, name: str) -> Mapping[str, Any]:
+    """As of ``Setup.stated``; nothing where the ledger cannot be read, as by who may rehearse and no more."""
+    try:
+        return setup.stated(name)
+    except CellError as exc:
+        if exc.name != "ACCESS_DENIED":
+            raise
+        return {}
 
 
 def cannot(why: str) -> CellError:

@@ -33,7 +33,7 @@ from daemon.demo.closing import Row, close_demo
 from daemon.demo.cross_checked import cross_check
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.scenes import DemoScene, give_camera, give_delay, scenes_of
+from daemon.demo.scenes import DemoScene, give_camera, give_delay, keep_delay, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
 from daemon.health import Beats
@@ -133,6 +133,8 @@ async def _run(
         if any(step.given_delay for step in steps):
             camera = config.robot.roles()["fixed_camera"]
             await asyncio.to_thread(give_delay, ledger, camera, arm.world.truth())
+        for device, delay in {name: d for step in steps for name, d in step.delays.items()}.items():
+            await asyncio.to_thread(keep_delay, ledger, device, delay)
         began = clock.now()
         runs = []
         for step in steps:

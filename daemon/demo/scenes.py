@@ -10,6 +10,7 @@ from random import Random
 from typing import Any
 
 from cell.calibrations import time_offset
+from cell.known_cell import KnownDelay
 from cell.store.ledger import Ledger
 from daemon.cli.output import say
 from daemon.demo.steps import Step
@@ -64,6 +65,21 @@ def give_delay(ledger: Ledger, device: str, truth: Mapping[str, Any]) -> None:
     by a draw of what it states; say so."""
     sigma = DELAY_95_S / K95
     late = float(truth["camera"]["stamp_late_s"]) + sigma * Random(str(truth["camera"])).gauss(0.0, 1.0)
-    found = {"result": {"interval95_s": [late - DELAY_95_S, late + DELAY_95_S]}}
-    ledger.accept(ledger.propose(time_offset(device), late, found, 0, 0.0), "the demo")
+    _accept(ledger, device, KnownDelay(late, sigma))
     say(f"the delay of {device} counts as measured before, to {1e3 * DELAY_95_S:g} ms (95 %)")
+
+
+def keep_delay(ledger: Ledger, device: str, delay: KnownDelay) -> None:
+    """Commit the delay of ``device`` as the cell itself has measured it; say so."""
+    _accept(ledger, device, delay)
+    half_s = K95 * delay.sigma_s
+    say(
+        f"the delay of {device} is as the cell has measured it: {1e3 * delay.late_s:.2f} ms "
+        f"+- {1e3 * half_s:.2f} ms (95 %)"
+    )
+
+
+def _accept(ledger: Ledger, device: str, delay: KnownDelay) -> None:
+    half_s = K95 * delay.sigma_s
+    found = {"result": {"interval95_s": [delay.late_s - half_s, delay.late_s + half_s]}}
+    ledger.accept(ledger.propose(time_offset(device), delay.late_s, found, 0, 0.0), "the demo")

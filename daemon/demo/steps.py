@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cell.known_cell import KnownDelay
 from daemon.demo import plc
 from procedures.rehearsal import HeldPoint
 
@@ -41,6 +42,7 @@ class Step:
     objects: bool = False
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
     given_delay: bool = False  # how late the twin's fixed camera is counts as measured before
+    delays: Mapping[str, KnownDelay] = field(default_factory=dict)  # by device: as the cell has measured them
     params: Mapping[str, Any] = field(default_factory=dict)  # of this run, beside its section of the config
     finds_fault: bool = False  # the twin has a fault that it has to find: its verdict should be "fail"
     over_can: bool = False  # the PLC starts it over the encoder's CAN bus, not over Modbus

@@ -1,11 +1,12 @@
 """Play the runs of a rehearsal on virtual time, and tell what came of the last one."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError
+from cell.known_cell import KnownDelay
 from cell.store.runs import RunFolder, list_runs, load_run
 from daemon.config import CellConfig
 from daemon.demo.ending import beside_truth
@@ -16,6 +17,7 @@ from daemon.rehearsal.objects import RehearsedCell, rehearsed_cell
 from procedures.beside_truth import Judged
 from procedures.documents import kind_of, read_result
 from procedures.kind import load
+from procedures.rehearsal import Rehearsal
 
 NOT_STARTED = "not started"
 NOT_WELL = "{}, which has to come first, did not end well"
@@ -106,10 +108,25 @@ def steps_of(cell: RehearsedCell) -> list[Step]:
             held=rehearsal.held,
             part_in_hand=rehearsal.rack is not None and rehearsal.rack.handed,
             given_camera=rehearsal.calibrated_camera,
-            given_delay=rehearsal.measured_camera,
+            given_delay=rehearsal.measured_camera and not _camera_measured(rehearsal),
+            delays=_delays(rehearsal, cell.config.robot.roles()),
         )
         for job, rehearsal in zip(cell.jobs, cell.rehearsals, strict=True)
     ]
+
+
+def _camera_measured(rehearsal: Rehearsal) -> bool:
+    return rehearsal.camera is not None and rehearsal.camera.pictures.delay is not None
+
+
+def _delays(rehearsal: Rehearsal, roles: Mapping[str, str]) -> dict[str, KnownDelay]:
+    """By device: the delays that the cell has measured, about which those of the twin are drawn."""
+    found: dict[str, KnownDelay | None] = {}
+    if (camera := rehearsal.camera) is not None:
+        found["fixed_camera" if camera.fixed else "flange_camera"] = camera.pictures.delay
+    if rehearsal.belt is not None:
+        found["belt"] = rehearsal.belt.delay
+    return {roles[role]: delay for role, delay in found.items() if delay is not None and role in roles}
 
 
 def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.known_cell import KnownCell
+from cell.known_cell import KnownCell, KnownDelay
 from cell.usual_delays import ARM_LATE_S
 from fakes.likely.arm import believed, draw_arm, draw_tool
 from fakes.likely.beams import FILTER_S, SCAN_S, draw_beams
@@ -18,7 +18,7 @@ from fakes.world.scenario import SCHEMA, Scenario
 from fakes.world.toml_text import to_toml
 
 CLOCK = "fakes.object:VirtualClock"
-_ARM_LATE = 0xA5  # beside the seed
+_ARM_LATE, _CAMERA_LATE, _ENCODER_LATE = 0xA5, 0xA6, 0xA7  # beside the seed
 
 
 def likely_scenario(known: KnownCell, seed: int) -> str:
@@ -41,12 +41,18 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     }
     if known.camera is not None:
         world |= draw_camera(known.camera, arm, rngs["camera"], arm_late_s)
+        if (delay := known.camera.pictures.delay) is not None:
+            world["camera"]["stamp_late_s"] = _measured(delay, seed, _CAMERA_LATE)
     if known.beams is not None:
         world |= draw_beams(known, arm, rngs["beams"])
     if known.tracker is not None:
         world |= draw_tracker(known.tracker, rngs["tracker"])
     if known.belt is not None:
         world |= draw_belt(known.belt, rngs["belt"], arm_late_s)
+        if (delay := known.belt.delay) is not None:
+            # What was measured is the delay on average, and counts are later by half of their jitter.
+            late_s = _measured(delay, seed, _ENCODER_LATE) - 0.5 * world["belt"]["jitter_s"]
+            world["belt"]["late_s"] = late_s
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
         if known.gripper.place_clear is not None:
@@ -59,3 +65,12 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     text = to_toml({"schema": SCHEMA, "world": world})
     Scenario.parse(text, "the likely cell")
     return text
+
+
+def _measured(delay: KnownDelay, seed: int, of: int) -> float:
+    """s: a delay about the measured one. That is against the arm's stamps, which a twin's arm gives in time.
+
+    Camera and encoder are drawn apart, although an encoder is measured by the camera: in that the twin is
+    less kind than a cell, in which what is open of the camera is open of the encoder alike.
+    """
+    return delay.late_s + delay.sigma_s * float(np.random.default_rng([seed, of]).standard_normal())

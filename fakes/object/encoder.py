@@ -50,7 +50,8 @@ class ObjectEncoder(ObjectDevice):
             self.period_s,
             self._read,
             dt=_DT_S,
-            delay_s=config.delay_s + config.time_offset_s,
+            # No position is readable before it is true, whatever its stamp.
+            delay_s=config.delay_s + config.time_offset_s + max(-self._encoder.truth.late_s, 0.0),
             keep=16384,
         )
         self.stream = self.counts

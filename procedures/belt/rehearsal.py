@@ -7,7 +7,17 @@ from cell.known_cell import KnownBelt, KnownCamera
 from cell.poses import from_pose6
 from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.config import BeltTrackingConfig, ItemLook
-from procedures.rehearsal import Rehearsal, cannot, gripper, joints, needed, nominal, pictures, target
+from procedures.rehearsal import (
+    Rehearsal,
+    cannot,
+    gripper,
+    joints,
+    measured_delay,
+    needed,
+    nominal,
+    pictures,
+    target,
+)
 from procedures.setup import Setup
 
 SPEED_M_S = 0.15  # no configuration says how fast a belt runs
@@ -88,4 +98,5 @@ def belt_below(setup: Setup, q: list[float], z_m: float, items: ItemLook, stops:
         stops=stops,
         period_s=getattr(encoder, "period_s", KnownBelt.period_s),
         range_counts=getattr(encoder, "range_counts", None) or (1 << bits if bits else None),
+        delay=measured_delay(setup, "belt"),
     )

@@ -64,7 +64,11 @@ class BeltTruth(Strict):
     count_at_start: int = Field(default=1000, ge=0, le=MAX_U32)
     period_s: float = Field(default=0.005, ge=0.001, le=1.0, description="between position messages")
     late_s: float = Field(
-        default=0.0, ge=0, le=0.2, description="a position is older than its message by this at least"
+        default=0.0,
+        ge=-0.2,
+        le=0.2,
+        description="a position is older than its message by this at least; negative: of a cell whose arm "
+        "stamps later still",
     )
     jitter_s: float = Field(
         default=0.0, ge=0, le=0.02, description="and by up to this more, as chance has it"

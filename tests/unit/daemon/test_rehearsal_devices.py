@@ -20,7 +20,7 @@ from daemon.rehearsal.play import rehearse
 from daemon.rehearsal.sections import SECTIONS
 from fakes.world.scenario import Scenario
 from tests.kit.cli_harness import CommandLine
-from tests.kit.example_cell import LASER_TRACKER, palletizer_example, whole_example
+from tests.kit.example_cell import ENCODER_DELAY, LASER_TRACKER, palletizer_example, whole_example
 
 BELT_SPEEDS = {
     "speed_m_s = 0.25\naccel_m_s2 = 0.5\njoint_speed_rad_s = 0.8": (
@@ -267,6 +267,45 @@ def test_a_lens_that_the_hand_eye_in_effect_found_for_such_pictures_makes_them(
     assert camera.told.focal != 0.0
     fixed = present(world_of(tmp_path, "belt-calibration", {}).camera, "camera")
     assert fixed.K[0] == 800.0
+
+
+MEASURED = {  # 15 and -2 ms against the arm, to 0.5 and 0.8 ms (95 %)
+    "time_offset_s.belt_camera": {"interval95_s": (0.0145, 0.0155)},
+    "time_offset_s.belt": {"interval95_s": (-0.0028, -0.0012)},
+}
+
+
+def test_a_delay_that_the_cell_has_measured_is_drawn_about_that_value_as_well_as_it_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.predictions._stated_now", lambda _, name: MEASURED.get(name, {}))
+    path, late = whole_example(tmp_path), []
+    for seed in range(40):
+        rehearsed_cell(load_config(path), path, "belt-calibration", seed, tmp_path)
+        world = Scenario.load(tmp_path / "scenario.toml").world
+        camera, belt = present(world.camera, "camera"), present(world.belt, "belt")
+        late.append((camera.stamp_late_s, belt.late_s + 0.5 * belt.jitter_s))
+    sigmas = np.array([0.0005, 0.0008]) / 1.96
+    np.testing.assert_allclose(np.mean(late, axis=0), [0.015, -0.002], atol=4 * sigmas.max() / np.sqrt(40))
+    np.testing.assert_allclose(np.std(late, axis=0), sigmas, rtol=0.4)
+
+
+@pytest.mark.parametrize("job", ["belt-calibration", "latency-calibration"])
+def test_the_job_in_a_rehearsal_knows_the_delays_that_the_cell_has_measured_and_no_more(
+    job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.predictions._stated_now", lambda _, name: MEASURED.get(name, {}))
+    short = {
+        key: text.replace("belt_z_m", "changes = 8\nsightings = 60\nbelt_z_m")
+        for key, text in ENCODER_DELAY.items()
+    }
+    path = whole_example(tmp_path, short)
+    outcome = rehearse(load_config(path), path, job, 1, tmp_path)
+    assert (outcome.ended, outcome.good) == ("complete", True), outcome.why
+    (run,) = list_runs(tmp_path / "state" / "runs")
+    known = json.loads((run.path / "run.json").read_text("utf-8"))["values"]["time_offset_s"]
+    for role, late_s, sigma_s in (("fixed_camera", 0.015, 0.0005 / 1.96), ("belt", -0.002, 0.0008 / 1.96)):
+        assert known[role] == pytest.approx({"effective": late_s, "applied": 0.0, "sigma": sigma_s}, rel=1e-3)
 
 
 def test_a_ledger_that_may_not_be_read_keeps_nobody_from_rehearsing(
