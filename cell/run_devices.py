@@ -60,6 +60,10 @@ class RunDevices:
         """The gripper on the arm."""
         return self.device("gripper", Gripper)
 
+    def grips_confirmed(self) -> bool:
+        """Whether anything confirms what the gripper holds; one that does not say so is taken to know it."""
+        return bool(getattr(self.gripper(), "confirms", True))
+
     def device(self, role: str, protocol: type[D]) -> D:
         """The device that plays ``role``, as the kind of device that the role asks for, with its own stamps.
 

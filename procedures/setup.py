@@ -76,6 +76,17 @@ class Setup:
             return [], [f"{text}every grip would count as failed; make {key} longer"]
         return [f"{text}the gripper refuses to move; make {key} longer"], []
 
+    def gripper_confirms_nothing(self) -> list[str]:
+        """What may look better than it is where, by its own section, nothing tells what the gripper holds."""
+        name = self.roles.get("gripper", "")
+        section = self.devices.get(name)
+        if self.gripper_moves_s is None or getattr(section, "confirm", None) is not None:
+            return []
+        return [
+            f"[device.{name}] has no confirm: each grip counts as a pick once its time is over, also where "
+            "nothing is held; wire a vacuum switch or a sensor in the fingers, and give it as confirm"
+        ]
+
     def missing(self, *roles: str) -> list[str]:
         """One sentence for each of these roles that no device plays."""
         return [

@@ -55,7 +55,7 @@ def strangers(config: CellConfig, serials: Mapping[str, str]) -> list[str]:
     ``serials`` by device, as a probe found them; what nobody could tell says nothing.
     """
     try:
-        rows = [row for row in ledger_rows(config) if row["state"] == "committed"]
+        rows = [row for row in ledger_rows(config) if row["state"] == "committed" and _device_of(row)]
     except CellError as exc:
         return [f"whose kinematics are accepted is not known: {exc}"]
     told = ((row, other_device(row["value"], "arm", serials.get(_device_of(row)))) for row in rows)

@@ -95,6 +95,11 @@ class ModbusGripper(PolledGripper[ModbusGripperState]):
             None if config.confirm is None else Span(Table(config.confirm_table), config.confirm, 1)
         )
 
+    @property
+    def confirms(self) -> bool:
+        """Whether an input tells that something is held."""
+        return self._config.confirm is not None
+
     async def grip(self, timeout: float) -> bool:
         """Close; True when the confirm input came within ``timeout`` s, or after ``moves_s`` without one."""
         await self._write(close=True, opening=False)

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Identity, StartsPrograms, ToolSettings
+from cell.devices import Arm, ArmState, Identity, SafetyMode, StartsPrograms, ToolSettings
 from cell.errors import CellError, error
 from cell.following import FULL_SPEED
 from cell.own_delay import busy_words
 from cell.poses import Array
-from cell.samples import Stream
+from cell.samples import Sample, Stream
 from cell.to_its_end import run_to_its_end
 from cell.wire_recording.tap import tap
 from drivers.life import SampledDevice
@@ -226,7 +226,7 @@ class UrArm(SampledDevice):
 
     async def doubts(self) -> list[str]:
         """What only a probe looks for: registers that a PLC on the controller's fieldbus holds, joint limits
-        that cannot be any, and a speed slider below full speed."""
+        that cannot be any, a speed slider below full speed, and reduced mode."""
         config = self._config
         names = await registers_in_use(config.host, self._clock, config.connect_timeout_s)
         limits = None if self._primary is None else self._primary.joint_limits
@@ -234,6 +234,7 @@ class UrArm(SampledDevice):
             *([registers_warning(self.name, names)] if names else []),
             *(limits.doubts if limits is not None else ()),
             *_slider_doubts(self.name, self.feed.speed_fraction),
+            *_mode_doubts(self.name, self.state.last()),
         ]
 
     async def stop_program(self) -> None:
@@ -372,6 +373,16 @@ async def _read_for(sock: socket.socket, seconds: float) -> None:
                 pass
     except TimeoutError:
         return
+
+
+def _mode_doubts(arm: str, last: Sample[ArmState] | None) -> list[str]:
+    """What refuses every job, though the arm can be moved by hand and from the pendant."""
+    if last is None or last.value.safety_mode != SafetyMode.REDUCED:
+        return []
+    return [
+        f"{arm}: the safety configuration has it in reduced mode, and jobs are refused with ARM_NOT_READY."
+        " Clear what switches that on: a safety input, a plane, or the pendant's three-position switch"
+    ]
 
 
 def _slider_doubts(arm: str, fraction: float) -> list[str]:

@@ -118,6 +118,11 @@ class ArmGripper(ArmPart):
             "holding": None if last is None else self._is_held(last.value),
         }
 
+    @property
+    def confirms(self) -> bool:
+        """Whether an input tells that something is held."""
+        return self._config.confirm is not None
+
     async def grip(self, timeout: float) -> bool:
         """Close; True when the confirm input came within ``timeout`` s, or after ``moves_s`` without one."""
         await self._write(self._outputs.levels(close=True, opening=False))

@@ -55,6 +55,7 @@ class Fault(StrEnum):
     PROTECTIVE_STOP = "protective-stop"
     EMERGENCY_STOP = "emergency-stop"
     SAFEGUARD_STOP = "safeguard-stop"
+    REDUCED_MODE = "reduced-mode"  # the safety configuration reduces speeds and forces
     LOCAL_MODE = "local-mode"
     FOREIGN_PROGRAM = "foreign-program"
     REGISTER_IN_USE = "register-in-use"

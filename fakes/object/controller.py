@@ -52,6 +52,7 @@ class Controller(Plant):
             "protective-stop": self._protective_stop,
             "emergency-stop": self._emergency_stop,
             "safeguard-stop": self._safeguard_stop,
+            "reduced-mode": self._reduced_mode,
             "local-mode": self._local_mode,
             "foreign-program": self._foreign_program,
             "register-in-use": self._register_in_use,
@@ -89,7 +90,7 @@ class Controller(Plant):
             return error("ARM_SAFEGUARD_STOP", seen)
         if robot_mode != RUNNING:
             return error("ARM_REBOOTED" if self.rebooted else "ARM_NOT_READY", seen)
-        return None
+        return error("ARM_NOT_READY", f"reduced mode: jobs need the arm's full speed, {seen}")
 
     # -- programs
 
@@ -160,6 +161,12 @@ class Controller(Plant):
             self.settle_past()
             self.safety_mode = SafetyMode.NORMAL
             self.announce()
+
+    def _reduced_mode(self) -> None:
+        # The program runs on; whoever reads the mode has to end it.
+        self.settle_past()
+        self.safety_mode = SafetyMode.REDUCED
+        self.announce()
 
     def _local_mode(self) -> None:
         self.remote = False

@@ -48,6 +48,11 @@ class ObjectGripper(ObjectDevice):
         )
         self.stream = self.held
 
+    @property
+    def confirms(self) -> bool:
+        """Whether anything tells that something is held."""
+        return self.config.counts_after_s is None
+
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the arm refuses."""
         await super().open()

@@ -178,7 +178,8 @@ class ObjectMotionPort:
         if step > MAX_STREAM_STEP_RAD:
             raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
         config = self._arm.config
-        late = WIRE_S + lag_s(config.servo_lookahead_s, config.servo_gain)
+        more = self._world.config.arm.servo.more_s
+        late = WIRE_S + lag_s(config.servo_lookahead_s, config.servo_gain) + more
         self._controller.stream_time.follow(self._sent, late)
 
     async def set_tool(self, tool: ToolSettings) -> None:

@@ -94,6 +94,7 @@ class ControllerFaults:
             Fault.SAFEGUARD_STOP: Action(
                 lambda a: robot.safeguard_stop(), release(SafetyMode.SAFEGUARD_STOP)
             ),
+            Fault.REDUCED_MODE: Action(lambda a: robot.safety.reduce(), release(SafetyMode.REDUCED)),
             Fault.LOCAL_MODE: Action(
                 lambda a: setattr(robot, "remote", False), lambda: setattr(robot, "remote", True)
             ),

@@ -94,6 +94,11 @@ class Safety:
         if self.emergency or self.mode >= SafetyMode.VIOLATION:
             self.power_off()
 
+    def reduce(self) -> None:
+        """The safety configuration reduces speeds and forces from now on; a stop stays one."""
+        if self.mode == SafetyMode.NORMAL:
+            self.mode = SafetyMode.REDUCED
+
     def unlock_protective_stop(self, t: float) -> bool:
         """Leave a protective stop; False while it is younger than five seconds."""
         if self.mode == SafetyMode.PROTECTIVE_STOP:

@@ -44,7 +44,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
     mistaken += _overlaps(job)
-    mistaken += [*_falls(job), *tight]
+    mistaken += [*_falls(job), *tight, *setup.gripper_confirms_nothing()]
     if values.belt is None:
         text = f"{slide}; no prediction of the zone without [robot] belt_nominal"
         return {"text": text, "problems": problems, "cautions": mistaken}

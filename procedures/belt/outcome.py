@@ -72,6 +72,12 @@ def result_of(
         warnings.append(Warning_(code="belt.contact-95", text=text))
     if (tight := gripper_times.tight) is not None:
         warnings.append(Warning_(code="belt.grip-timeout", text=tight))
+    if picks and not gripper_times.confirmed:
+        text = (
+            f"nothing confirms what the gripper holds: {picks} picks are grips whose time was over, and any "
+            "may be empty; wire a vacuum switch or a sensor in the fingers, and give it as confirm"
+        )
+        warnings.append(Warning_(code="belt.unconfirmed", text=text))
     warnings += emergency_warnings(watch.emergencies.told)
     if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text=_NOMINAL))

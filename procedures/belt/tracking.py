@@ -148,7 +148,7 @@ class _Picking:
         self.model = arm_model(values)
         self.tool = ToolJoints(self.model, from_pose6(values.tool["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
-        self.gripper_times = GripperTimes(config.grip_timeout_s)
+        self.gripper_times = GripperTimes(config.grip_timeout_s, run.grips_confirmed())
         inputs = run.inputs("place_inputs") if config.place_clear else None
         self.place_clear, self.place_waits = PlaceClear(inputs, config.place_clear), PlaceWaits(run.clock)
         self.places = Places(config, self.tool, self.q_place, lambda number: run.publish(next_place=number))

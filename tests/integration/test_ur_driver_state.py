@@ -10,6 +10,7 @@ import pytest
 from ur_driver_rig import LASTING, TOOL, Rig, until
 
 from cell.clock import MonotonicClock
+from cell.devices import SafetyMode
 from cell.errors import CellError
 from drivers.ur import UrArm
 from drivers.ur.rtde_link import RtdeLink
@@ -368,6 +369,23 @@ def test_registers_that_somebody_else_holds_are_named_and_left_alone(rig: Rig) -
                 link.close()
             assert "input_int_register_1, input_double_register_4 are in use by a fieldbus" in doubt
             await asyncio.sleep(0.2)
+            assert await subject.doubts() == []
+
+    rig.play(work)
+
+
+def test_a_probe_tells_of_reduced_mode_in_which_no_job_starts(rig: Rig) -> None:
+    async def work() -> None:
+        async with rig.connected() as subject:
+            await asyncio.to_thread(rig.inject, "reduced-mode")
+            await until(lambda: subject.state.last().value.safety_mode == SafetyMode.REDUCED)
+            (doubt,) = await subject.doubts()
+            assert "in reduced mode, and jobs are refused with ARM_NOT_READY" in doubt
+            fault = subject.fault()
+            assert fault is not None
+            assert fault.name == "ARM_NOT_READY"
+            await asyncio.to_thread(rig.inject, "clear")
+            await until(lambda: subject.state.last().value.safety_mode == SafetyMode.NORMAL)
             assert await subject.doubts() == []
 
     rig.play(work)

@@ -41,6 +41,7 @@ class Servo:
 
     def __init__(self, truth: ServoTruth, fastest: Array, ripple: Ripple | None = None) -> None:
         self._lag, self._fastest, self._ripple = truth.lag, fastest, ripple
+        self._more_s = truth.more_s
         self._line: deque[tuple[float, Array]] = deque()
         self._own = 0.0  # the controller's time on its way through what was sent
         self._at: Array = np.zeros(6)
@@ -70,7 +71,7 @@ class Servo:
         (t0, q0), (t1, q1) = self._line[-2], self._line[-1]
         asked = largest((q1 - q0) / ((t1 - t0) * self._fastest))
         self._scaling = 1.0 / max(asked * fraction, 1.0)
-        step = self._filtered(late_s, period_s * fraction) - self._at
+        step = self._filtered(late_s + self._more_s, period_s * fraction) - self._at
         over = largest(step / (period_s * self._fastest))
         step = step / max(over, 1.0)
         self._at = self._at + step

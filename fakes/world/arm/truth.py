@@ -50,6 +50,12 @@ class ServoTruth(Strict):
         default="none",
         description="none: on each set-point at once, whatever the speed slider and the joints' limits",
     )
+    more_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="later than look-ahead and gain make it, as where set-points come through a slow network",
+    )
     ripple_s: float = Field(
         default=0.0,
         ge=0,
@@ -59,8 +65,9 @@ class ServoTruth(Strict):
 
     @model_validator(mode="after")
     def _follows(self) -> Self:
-        if self.ripple_s and self.lag == "none":
-            raise ValueError("ripple_s needs a lag other than none")
+        for key in ("ripple_s", "more_s"):
+            if getattr(self, key) and self.lag == "none":
+                raise ValueError(f"{key} needs a lag other than none")
         return self
 
 

@@ -69,11 +69,15 @@ class Gripper:
         self._held: list[tuple[float, int | None]] = []
 
     def command(self, t: float, close: bool) -> None:
-        """The output changes at ``t``; the same level again does nothing."""
+        """The output changes at ``t``; the same level again does nothing.
+
+        Fingers on their way turn back, and what they had not done by then does not happen any more.
+        """
         if close is self._closed:
             return
+        self.settle(t)
         self._closed = close
-        self._due.append((t + (self.truth.close_s if close else self.truth.open_s), close))
+        self._due = [(t + (self.truth.close_s if close else self.truth.open_s), close)]
 
     @property
     def closed(self) -> bool:

@@ -8,10 +8,13 @@ _NEAR = 0.8  # of the timeout
 
 
 class GripperTimes:
-    """Times (s) from the command to the answer; ``timeout_s`` is how long an answer is waited for."""
+    """Times (s) from the command to the answer; ``timeout_s`` is how long an answer is waited for.
 
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
+    Where nothing is ``confirmed``, answers come by the clock, whatever the gripper does.
+    """
+
+    def __init__(self, timeout_s: float, confirmed: bool = True) -> None:
+        self._timeout_s, self.confirmed = timeout_s, confirmed
         self._took: dict[bool, deque[float]] = {c: deque(maxlen=_REMEMBERED) for c in (True, False)}
 
     def add(self, closing: bool, took_s: float) -> None:

@@ -303,6 +303,14 @@ def test_a_probe_tells_an_arm_that_accepted_kinematics_were_not_measured_with(
     assert told not in subject("check", "-c", objects).err, "without a probe it is unknown who is there"
 
 
+def test_a_probe_of_a_cell_with_an_accepted_camera_pose_says_nothing_of_kinematics(
+    subject: CommandLine, objects: Path, ledger: Ledger
+) -> None:
+    ledger.accept(ledger.propose("T_flange_camera", [0.0] * 6, {}, 0, None), "test")
+    done = subject("check", "--probe", "-c", objects, "--json")
+    assert not [text for text in json.loads(done.out)["warnings"] if "kinematics" in text]
+
+
 def test_a_probe_that_finds_another_device_is_refused(
     subject: CommandLine, objects: Path, tmp_path: Path
 ) -> None:

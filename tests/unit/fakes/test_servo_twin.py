@@ -39,6 +39,14 @@ def test_on_a_steady_way_the_arm_is_late_by_look_ahead_and_gain(lag: Lag) -> Non
 
 
 @pytest.mark.parametrize("lag", ["delay", "low-pass"])
+def test_an_arm_may_be_later_than_look_ahead_and_gain_have_it(lag: Lag) -> None:
+    subject, q = Servo(ServoTruth(lag=lag, more_s=0.1), fastest_joints("ur10e")), np.zeros(6)
+    for k in range(round(2.0 / PERIOD_S)):
+        q = subject.step(k * PERIOD_S, q.copy, RATE * k * PERIOD_S, LATE_S, PERIOD_S, 1.0)
+    assert np.allclose(RATE * 2.0 - q, RATE * (LATE_S + 0.1), atol=2.0 * PERIOD_S)
+
+
+@pytest.mark.parametrize("lag", ["delay", "low-pass"])
 def test_under_the_speed_slider_the_arm_falls_behind_for_as_long_as_it_lasts(lag: Lag) -> None:
     behind = [RATE[4] * s - driven(lag, RATE, s, fraction=0.5)[1][-1][4] for s in (0.5, 1.0, 2.0)]
     assert behind[2] - behind[1] == pytest.approx(0.5, abs=0.02)

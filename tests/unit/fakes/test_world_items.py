@@ -139,6 +139,14 @@ def test_what_is_held_is_let_go_when_the_fingers_have_opened(items: Items) -> No
     assert gripper.holds(4.55) is None
 
 
+def test_fingers_that_are_told_to_open_on_their_way_do_not_close(items: Items) -> None:
+    gripper = closed_on(items, Tool(items, 1, np.zeros(3)))
+    gripper.command(3.99, False)
+    assert gripper.holds(4.5) is None
+    assert gripper.contacts == []
+    assert items.taken() == {}
+
+
 def test_what_is_held_can_be_taken_out_of_fingers_that_stay_closed(items: Items) -> None:
     gripper = closed_on(items, Tool(items, 1, np.zeros(3)))
     assert gripper.empty(3.98) is None

@@ -47,6 +47,13 @@ def test_a_timeout_that_the_gripper_does_not_keep_is_found_before_the_run(
         )
 
 
+def test_a_gripper_that_nothing_confirms_is_told_to_count_empty_grips(tmp_path: Path) -> None:
+    for moves_s, confirm, told in ((0.5, None, 1), (0.5, 3, 0), (None, None, 0)):
+        found = belt_expectation(*cell(tmp_path, moves_s, confirm))
+        about = [text for text in found["cautions"] if text.startswith("[device.gripper] has no confirm")]
+        assert len(about) == told
+
+
 def test_the_cycle_is_told_with_the_grippers_own_time(tmp_path: Path) -> None:
     unknown, slow = (belt_expectation(*cell(tmp_path, moves_s)) for moves_s in (None, 0.6))
     assert "a third of grip_timeout_s for each motion" in unknown["text"]
