@@ -86,7 +86,7 @@ def stated_run(
             found.outcome = (await cell.finished(run_id))["outcome"]
             if found.outcome == "complete":
                 found.answer = cell.result(run_id)["result"]
-            found.contacts = _contacts(cell, run_id)
+            found.contacts = contacts_of(cell, run_id)
 
     run_virtual(scene())
     return found
@@ -117,7 +117,8 @@ def _turned(way: list[float], by_rad: float) -> list[float]:
     return [float(c * x - s * y), float(s * x + c * y), z]
 
 
-def _contacts(cell: ObjectCell, run_id: int) -> list[Stated]:
+def contacts_of(cell: ObjectCell, run_id: int) -> list[Stated]:
+    """The first contacts of a run's items as the world has them, each with what its record states."""
     gripper = cell.plant.world.gripper
     assert gripper is not None
     gripper.settle(cell.clock.now())

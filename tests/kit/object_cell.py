@@ -55,6 +55,7 @@ def write_config(
     beams_keys: Mapping[str, Any] | None = None,
     tracker_keys: Mapping[str, Any] | None = None,
     observed_keys: Mapping[str, Any] | None = None,
+    gripper_keys: Mapping[str, Any] | None = None,
     jobs: Mapping[str, Mapping[str, Any] | None] | None = None,
     camera: str = "fakes.object:ObjectCamera",
     **overrides: Any,
@@ -89,7 +90,7 @@ def write_config(
                     {"allow_requests": True, **(observed_keys or {})},
                 ),
                 ("belt", "fakes.object:ObjectEncoder", None),
-                ("gripper", "fakes.object:ObjectGripper", None),
+                ("gripper", "fakes.object:ObjectGripper", gripper_keys),
                 ("place_inputs", "fakes.object:ObjectPlaceInputs", None),
             )
         },

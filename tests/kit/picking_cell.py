@@ -36,6 +36,7 @@ def picking_config(
     real: bool = False,
     arm: Mapping[str, Any] | None = None,
     as_shipped: bool = False,
+    gripper: Mapping[str, Any] | None = None,
     **overrides: Any,
 ) -> CellConfig:
     """The picking cell with the first item in view, in an ideal world or a ``real`` one, with twice the
@@ -58,6 +59,7 @@ def picking_config(
         folder,
         str(path),
         arm_keys=arm,
+        gripper_keys=gripper,
         jobs={CAPTURE: None, JOB: job or {}, **(sections or {})},
         **overrides,
     )
