@@ -8,12 +8,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.known_cell import KnownCamera, KnownPictures
 from cell.poses import Array, from_pose6, to_pose6
+from cell.usual_camera import larger, usual_K
 from cell.usual_delays import CAMERA
 from fakes.world.arm.kinematics import Chain
 
-# 77 degrees, the camera that predictions assume as well. Other sizes show the same sight, cut off above and
-# below or at the sides where their shape is another one, as depthai cuts it.
-WIDTH, HEIGHT, FOCAL_PX = 1280, 800, 800.0
 DIST = [0.021, -0.043, 0.0006, -0.0004, 0.0]
 MOUNT_M, MOUNT_RAD = 0.004, 0.015  # of brackets as they are made and screwed on, each axis: an assumption
 # What an autofocus does to focal length and centre (the scenario workshop has the source); sigma of a draw.
@@ -51,9 +49,9 @@ def draw_camera(
     )
     mount = from_pose6(known.T_mount_camera) * off
     told = known.pictures
-    larger = max(told.width / WIDTH, told.height / HEIGHT)  # than the pictures of the sizes here
-    centre = np.array([told.width, told.height]) / 2 + larger * rng.normal(0.0, CENTRE_PX, 2)
-    focal = larger * FOCAL_PX
+    pixels = larger(told.width, told.height)  # of these pictures in one of the sizes here
+    centre = np.array([told.width, told.height]) / 2 + pixels * rng.normal(0.0, CENTRE_PX, 2)
+    focal = usual_K(told.width, told.height)[0]
     camera = {
         "serial": SERIAL,
         "width": told.width,
@@ -66,7 +64,7 @@ def draw_camera(
         "nominal": list(known.T_mount_camera),
         "told": {
             "focal": float(TOLD_FOCAL * rng.standard_normal()),
-            "centre_px": (larger * TOLD_CENTRE_PX * rng.standard_normal(2)).tolist(),
+            "centre_px": (pixels * TOLD_CENTRE_PX * rng.standard_normal(2)).tolist(),
         },
     }
     # Drawn from a generator of its own, so that the places stay those of the seed.

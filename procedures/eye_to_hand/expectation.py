@@ -13,11 +13,11 @@ from calibration.targets import make_target
 from cell.devices import Intrinsics
 from cell.errors import AbortError, CellError
 from cell.poses import from_pose6, to_pose6
+from procedures.expected_camera import expected_camera
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
 from procedures.eye_to_hand.targets import TargetsAsGiven, TargetView, list_targets
 from procedures.eye_to_hand.words import outside_text
-from procedures.hand_eye.expectation import ASSUMED_CAMERA
 from procedures.hand_eye.plan import BoardObservation, PlanRequest
 from procedures.setup import Setup
 from procedures.words import deg, mm
@@ -26,11 +26,7 @@ HAND_EYE = "T_base_camera"
 Lens = Mapping[str, Any]
 # Of a camera that is not calibrated yet no picture is known; what is out of one as wide as this (135 degrees)
 # is out of any.
-_WIDE: Lens = ASSUMED_CAMERA | {
-    "width": 3840,
-    "height": 2400,
-    "K": [800.0, 800.0, 1919.5, 1199.5],
-}
+_WIDE: Lens = {"width": 3840, "height": 2400, "K": [800.0, 800.0, 1919.5, 1199.5], "dist": []}
 _LEFT_OUT = "so it is left out: move it to where camera and arm can have it, or take it out of the list"
 
 
@@ -81,12 +77,12 @@ def _reached(setup: Setup, job: EyeToHandCheckConfig) -> _Reach:
         )
         unchecked = [f"targets: none was checked without {missing}"] if job.targets else []
         return _Reach(f"no prediction of what is reached without {missing}", cautions=unchecked)
-    lens = setup.stated(HAND_EYE).get("lens")
+    lens, expected = setup.stated(HAND_EYE).get("lens"), expected_camera(setup, "fixed_camera")
     table = setup.values.targets[job.target]
     widest = TargetView(table, job.T_marker_flange, lens or _WIDE)
     flange = robot_from_spec(setup.values.robot).forward(np.array(q))
     looks_at = to_pose6(from_pose6(camera).inv() * flange).tolist()
-    view = _view(table, q, flange, widest.seen(looks_at), lens or ASSUMED_CAMERA)
+    view = _view(table, q, flange, widest.seen(looks_at), lens or expected.table)
     if why := widest.fault(looks_at):
         text = (
             f"start_pose: with the arm at '{look}' {why}, by {HAND_EYE} and T_marker_flange: name a pose of "
@@ -115,9 +111,9 @@ def _reached(setup: Setup, job: EyeToHandCheckConfig) -> _Reach:
         if row["outside"] and not row["why"]
     ]
     if lens is None:
-        assumed = TargetView(table, job.T_marker_flange, ASSUMED_CAMERA)
+        assumed = TargetView(table, job.T_marker_flange, expected.table)
         cautions += [
-            f"{_key(row)}: {why}, by a camera of 1280 x 800 pixels and 77 degrees, which is assumed before "
+            f"{_key(row)}: {why}, by {expected.words}, which is assumed before "
             "it is calibrated; a dry run tells it by this camera"
             for row in rows
             if not row["why"] and (why := assumed.fault(row["T_camera_flange"]))

@@ -8,16 +8,18 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.kinematics import robot_from_spec
 from calibration.planning import board_centre
+from calibration.planning.view import project
 from calibration.targets import make_target
+from cell.devices import Intrinsics
 from cell.errors import AbortError
 from cell.poses import Array, to_pose6
+from procedures.expected_camera import expected_camera
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.plan import BoardObservation, PlanRequest, plan_placement
 from procedures.hand_eye.words import MEASURES, prediction_text
 from procedures.setup import Setup
 
-# Neither the camera nor the board's place is known yet, so both are assumed, and said.
-ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
+ROLES = {"eye-in-hand": "flange_camera", "eye-to-hand": "fixed_camera"}
 NOMINAL = {
     "eye-in-hand": {"X": "T_flange_camera_nominal"},
     "eye-to-hand": {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
@@ -27,7 +29,8 @@ NOMINAL = {
 def cone_expectation(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
     """``text``, how many poses are reached, the predicted uncertainty, the ``problems`` and ``cautions``.
 
-    The target is taken to stand before the camera, at right angles to the line of sight.
+    The target is taken to stand before the camera, at right angles to the line of sight, and the camera to be
+    the one of :func:`procedures.expected_camera.expected_camera`; both are said.
     """
     problems = setup.unseen(job.target, job.min_corners)
     found: dict[str, Any] = {"text": problems[0]} if problems else _reached(setup, job)
@@ -55,15 +58,16 @@ def _reached(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
     where = (
         f"from pose '{job.start_pose or 'home'}' with the board facing the camera {job.distance_m:g} m away"
     )
+    camera = expected_camera(setup, ROLES[job.setup])
     try:
-        plan = plan_placement(_request(setup, job, calibration, np.array(q))).as_dict()
+        plan = plan_placement(_request(setup, job, calibration, camera.table, np.array(q))).as_dict()
     except AbortError as exc:
         return {"text": where, "reached": 0, "problems": [f"{where}: {exc}. {exc.hint}"]}
     reached, wanted = len(plan["poses"]), job.poses_per_placement
     text = f"{where}: {reached} of {wanted} poses are reached"
     predicted = plan.get("predicted")
     if predicted is not None:
-        text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
+        text += f"; {prediction_text(predicted)}, and {camera.words}"
     found = {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
     limits = list(_limits(job, predicted or {}))
     return found | {"limits": limits, "problems": list(_beyond_acceptance(limits, predicted or {}))}
@@ -97,7 +101,9 @@ def _advice(key: str, limit: float, at_best: Mapping[str, Any]) -> str:
     return f"no number of placements gets there: allow more, or {MEASURES[cause]}"
 
 
-def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array) -> PlanRequest:
+def _request(
+    setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], camera: dict[str, Any], q: Array
+) -> PlanRequest:
     target = dict(setup.values.targets[job.target])
     flange = robot_from_spec(setup.values.robot).forward(q)
     return PlanRequest(
@@ -105,7 +111,7 @@ def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], 
         values=setup.values,
         target=target,
         calibration=calibration,
-        view=_assumed_view(target, q, flange, job.distance_m, job.sigma_of_camera()),
+        view=_assumed_view(target, q, flange, job.distance_m, camera, job.sigma_of_camera()),
         poses=job.poses_per_placement,
         min_poses=job.min_poses_per_placement,
         cone_half_angle_rad=job.cone_half_angle_rad,
@@ -121,6 +127,7 @@ def _assumed_view(
     q: Array,
     flange: RigidTransform,
     distance: float,
+    camera: dict[str, Any],
     camera_sigma: dict[str, float] | None,
 ) -> BoardObservation:
     """The target's points as seen along a sight line that meets its centre at right angles."""
@@ -128,12 +135,11 @@ def _assumed_view(
     # A marker's z points out of it, the other targets' z into them.
     facing = Rotation.from_euler("x", np.pi if target["type"] == "aruco-marker" else 0.0)
     in_camera = facing.apply(points - board_centre(points)) + np.array([0.0, 0.0, distance])
-    fx, fy, cx, cy = ASSUMED_CAMERA["K"]
-    u, v = fx * in_camera[:, 0] / in_camera[:, 2] + cx, fy * in_camera[:, 1] / in_camera[:, 2] + cy
+    intrinsics = Intrinsics(camera["width"], camera["height"], tuple(camera["K"]), tuple(camera["dist"]))
     return BoardObservation(
         q=[float(x) for x in q],
         T_base_flange=[float(x) for x in to_pose6(flange)],
         ids=list(range(len(points))),
-        corners=np.stack([u, v], axis=1).tolist(),
-        camera=ASSUMED_CAMERA | ({} if camera_sigma is None else {"sigma": camera_sigma}),
+        corners=project(in_camera, intrinsics).tolist(),
+        camera=camera | ({} if camera_sigma is None else {"sigma": camera_sigma}),
     )

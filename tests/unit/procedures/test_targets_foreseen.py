@@ -12,11 +12,11 @@ from calibration.planning import board_centre
 from calibration.targets import make_target
 from cell.poses import exp_xi, from_pose6, to_pose6
 from daemon.predictions import found_in, setup_of
+from procedures.expected_camera import expected_camera
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.eye_to_hand.expectation import eye_to_hand_expectation
 from procedures.eye_to_hand.targets import TargetsAsGiven, TargetView, list_targets
 from procedures.eye_to_hand.words import axbc_plan_lines
-from procedures.hand_eye.expectation import ASSUMED_CAMERA
 from procedures.setup import Setup
 from tests.kit.check_cell import AWAY, BEHIND, CHECK, STEPS, check_cell, config, wanted
 from tests.kit.cli_harness import CellOnDisk, CommandLine
@@ -88,7 +88,9 @@ def test_a_target_with_its_middle_in_the_camera_is_left_out_like_others(tmp_path
     place = [*map(float, board_centre(make_target(table).points)), 0.0, 0.0, 0.0]
     start = [float(v) for v in setup.values.poses["home"]]
     of = TargetsAsGiven(camera or [], [[0.0] * 6], [], start, job.volume())
-    (row,) = list_targets(setup.values, TargetView(table, place, ASSUMED_CAMERA), of)
+    (row,) = list_targets(
+        setup.values, TargetView(table, place, expected_camera(setup, "fixed_camera").table), of
+    )
     assert row["why"].startswith("part of the board would be")
     assert row["outside"] == ""
 
