@@ -52,6 +52,7 @@ IN_TURN: dict[str, Callable[[bytes], int | None]] = {
     "dashboard": up_to(b"\n"),
     "script": up_to(b"\n"),
     "tracker": up_to(b"\n", b"\r"),
+    "slcan": up_to(b"\r"),
     "robotiq-urcap": up_to(b"\n"),
     "socketcand": up_to(b">"),
 }
@@ -59,13 +60,15 @@ IN_TURN: dict[str, Callable[[bytes], int | None]] = {
 
 @dataclass(frozen=True)
 class Dialect:
-    """A protocol whose answers name their question.
+    """A protocol whose answers belong to a question, by its number or as the next thing that is said.
 
-    ``asks`` and ``answers`` give the number of a question or an answer, None for what is neither; ``key`` is
-    what makes two questions the same one, asked again; ``answering`` is the answer with another number.
+    ``length`` cuts what a driver says, ``heard`` what it hears. ``asks`` and ``answers`` give the number of a
+    question or an answer, None for what is neither; ``key`` is what makes two questions the same one, asked
+    again; ``answering`` is the answer with another number.
     """
 
     length: Callable[[bytes], int | None]
+    heard: Callable[[bytes], int | None]
     asks: Callable[[Message], Hashable | None]
     answers: Callable[[Message], Hashable | None]
     key: Callable[[Message], Hashable]
@@ -92,9 +95,57 @@ def _vision_answering(answer: Message, question: Message) -> Message:
     return _packed("<I", said)
 
 
+def rtu_request(data: bytes) -> int | None:
+    """Modbus RTU: unit, function, what belongs to it, check sum."""
+    if len(data) < 2:
+        return None
+    match data[1]:
+        case 15 | 16:
+            return 9 + data[6] if len(data) > 6 else None
+        case 43:
+            return 7
+    return 8
+
+
+def rtu_reply(data: bytes) -> int | None:
+    """Modbus RTU, as :func:`rtu_request`; function 43 lists objects, each with a length of its own."""
+    if len(data) < 3:
+        return None
+    function = data[1]
+    if function & 0x80:
+        return 5
+    if function in (5, 6, 15, 16):
+        return 8
+    if function != 43:
+        return 5 + data[2]
+    at = 8
+    for _ in range(data[7] if len(data) > 7 else 1):
+        if len(data) < at + 2:
+            return None
+        at += 2 + data[at + 1]
+    return at + 2
+
+
+# A reply on a serial line belongs to the request before it: all have the same number.
+_RTU = Dialect(
+    length=rtu_request,
+    heard=rtu_reply,
+    asks=lambda message: 0,
+    answers=lambda message: 0,
+    key=lambda message: message,
+    answering=lambda answer, question: answer,
+)
+
+
+def dialect_of(protocol: str, peer: str) -> Dialect | None:
+    """How questions and answers of a connection belong together; None: they come in turn."""
+    return _RTU if protocol == "modbus" and peer.startswith("rtu:") else BY_NUMBER.get(protocol)
+
+
 BY_NUMBER: dict[str, Dialect] = {
     "modbus": Dialect(
         length=prefixed(">HHH", 6, 6),
+        heard=prefixed(">HHH", 6, 6),
         asks=lambda message: message[:2],
         answers=lambda message: message[:2],
         key=lambda message: message[6:],
@@ -102,6 +153,7 @@ BY_NUMBER: dict[str, Dialect] = {
     ),
     "motion-child": Dialect(
         length=prefixed(">I", 4, 4),
+        heard=prefixed(">I", 4, 4),
         asks=lambda message: _motion(message).get("id"),
         answers=lambda message: None if "event" in _motion(message) else _motion(message)["id"],
         key=lambda message: _motion(message)["do"],
@@ -109,6 +161,7 @@ BY_NUMBER: dict[str, Dialect] = {
     ),
     "vision-child": Dialect(
         length=prefixed("<I", 4, 4),
+        heard=prefixed("<I", 4, 4),
         asks=lambda message: _motion(message).get("id"),
         answers=lambda message: _motion(message)["id"] if _motion(message)["type"] == "answer" else None,
         key=lambda message: _motion(message)["type"],

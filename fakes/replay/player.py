@@ -11,12 +11,15 @@ import socket
 from collections import defaultdict, deque
 from collections.abc import Callable, Hashable
 from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 from cell.clock import Clock
 from cell.errors import error
 from cell.wire_recording.reader import Connection, WireRecording
-from fakes.replay.dialects import BY_NUMBER, IN_TURN, Cutter
+from fakes.replay.dialects import IN_TURN, Cutter, Dialect, dialect_of
+from fakes.replay.serial_lines import PlayedLine, serial_line
 
 Write = Callable[[bytes], None]
 _FRAME = b"< frame"  # what a gateway sends after its greeting
@@ -90,9 +93,8 @@ class InTurn:
 class ByNumber:
     """A connection whose answers name their question."""
 
-    def __init__(self, connection: Connection, write: Write, schedule: _Schedule) -> None:
-        self._dialect = BY_NUMBER[connection.protocol]
-        self._write, self._schedule = write, schedule
+    def __init__(self, connection: Connection, dialect: Dialect, write: Write, schedule: _Schedule) -> None:
+        self._dialect, self._write, self._schedule = dialect, write, schedule
         self._heard = Cutter(self._dialect.length)
         self._answers: dict[Hashable, deque[tuple[float, bytes]]] = defaultdict(deque)
         self._by_itself: list[tuple[float, bytes]] = []
@@ -121,7 +123,7 @@ class ByNumber:
 
     def _sort(self, connection: Connection) -> None:
         dialect, keys = self._dialect, dict[Hashable, Hashable]()
-        said, heard = Cutter(dialect.length), Cutter(dialect.length)
+        said, heard = Cutter(dialect.length), Cutter(dialect.heard)
         for record in connection.records:
             if record.sent:
                 for message in said.feed(record.data):
@@ -141,12 +143,16 @@ Playback = InTurn | ByNumber
 
 
 class WirePlayer:
-    """``async with``: the TCP peers of a recording listen at their addresses, which must be free.
+    """``async with``: the TCP peers of a recording listen at their addresses, which must be free, and its
+    serial lines are pseudo-terminals at their paths, or below the folder ``lines`` by their last names.
 
-    ``clock`` runs like that of the recording. :meth:`pipe` stands in for a child process.
+    ``clock`` runs like that of the recording; with serial lines it has to be that of the computer, as the
+    kernel hands on what is written to one in its own time: see :func:`moved`. :meth:`pipe` stands in for a
+    child process.
     """
 
-    def __init__(self, recording: WireRecording, clock: Clock) -> None:
+    def __init__(self, recording: WireRecording, clock: Clock, lines: Path | None = None) -> None:
+        self._folder, self._lines = lines, list[PlayedLine]()
         self._schedule = _Schedule(clock)
         self._waiting: dict[tuple[str, str], deque[Connection]] = defaultdict(deque)
         for connection in recording.connections:
@@ -161,6 +167,9 @@ class WirePlayer:
             for protocol, peer in self._waiting:
                 if protocol.endswith("-child"):
                     continue
+                if (line := serial_line(protocol, peer)) is not None:
+                    self._open_line(line, (protocol, peer))
+                    continue
                 host, port = _place(peer)
                 key = protocol, peer
                 self._servers.append(await loop.create_server(lambda key=key: _Stand(self, key), host, port))  # type: ignore[misc]
@@ -172,6 +181,8 @@ class WirePlayer:
     async def __aexit__(self, *_: object) -> None:
         for handle in self._schedule.handles:
             handle.cancel()
+        for line in self._lines:
+            line.close()
         for transport in tuple(self._transports):
             transport.abort()
         for server in self._servers:
@@ -185,19 +196,29 @@ class WirePlayer:
         if not waiting:
             return None
         connection = waiting.popleft()
-        kind = ByNumber if connection.protocol in BY_NUMBER else InTurn
+        dialect = dialect_of(connection.protocol, connection.peer)
 
         def write(data: bytes) -> None:
             with suppress(OSError):
                 if not transport.is_closing():
                     transport.write(data)
 
-        made: Playback = kind(connection, write, self._schedule)
+        made: Playback = (
+            InTurn(connection, write, self._schedule)
+            if dialect is None
+            else ByNumber(connection, dialect, write, self._schedule)
+        )
         self.playing.append((connection, made))
         return made
 
     def forget(self, transport: asyncio.Transport) -> None:
         self._transports.discard(transport)
+
+    def _open_line(self, line: Path, key: tuple[str, str]) -> None:
+        place = line if self._folder is None else self._folder / line.name
+        played = PlayedLine(place, lambda: _Stand(self, key))
+        self._lines.append(played)
+        played.open()
 
     async def pipe(self, sock: socket.socket, protocol: str, peer: str) -> None:
         """Play a child process at one end of a socket pair."""
@@ -231,8 +252,24 @@ class _Stand(asyncio.Protocol):
         self._player.forget(self._transport)
 
 
+def moved(recording: WireRecording, by: float) -> WireRecording:
+    """The same recording ``by`` s later: played in real time it begins now, however old it is."""
+    return WireRecording(
+        [
+            replace(
+                one,
+                opened=one.opened + by,
+                closed=None if one.closed is None else one.closed + by,
+                records=[replace(record, t=record.t + by) for record in one.records],
+            )
+            for one in recording.connections
+        ],
+        recording.left_out,
+    )
+
+
 def _place(peer: str) -> tuple[str, int]:
     host, _, port = peer.rpartition("/")[2].rpartition(":")
     if not host or not port.isdecimal():
-        raise error("ARGUMENT_INVALID", f"a player serves TCP alone, and the recording has {peer}")
+        raise error("ARGUMENT_INVALID", f"a player serves TCP and serial lines, and the recording has {peer}")
     return host, int(port)
