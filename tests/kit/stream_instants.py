@@ -8,14 +8,14 @@ did, so that each set-point is for the instant that it was for.
 import asyncio
 import bisect
 from collections.abc import AsyncIterator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from cell.devices import TrajectoryPiece
+from cell.devices import Encoder, TrajectoryPiece
 from cell.poses import Array
 from cell.store.runs import list_runs
 from drivers.ur.pieces import Following
@@ -25,7 +25,7 @@ from procedures.belt.record import COUNT, COUNTS_FILE, STEP, STEPS_FILE, PickRec
 
 LATEST_S = 0.1  # that a stream which goes on decided after its time
 SAME_S = 1e-6  # instants that are no further apart are the same
-BEFORE_S = 0.002  # a record begins so long before its first count; counts come each 5 ms or later
+WAIT_S = 0.1  # at most, for the count before the first of a record
 
 
 def steps_of(state: Path) -> Array:
@@ -82,8 +82,8 @@ class RecordedClock(VirtualClock):
             goes(self, t, *more)
 
         async def enter_in_time(self: PickRecord) -> PickRecord:
-            if (first := _next(clock._first_counts, clock.now())) is not None:
-                await asyncio.sleep(max(first - BEFORE_S - clock.now(), 0.0))
+            if (first := _next(clock._first_counts, clock.now() - WAIT_S)) is not None:
+                await clock._count_before(first, self._encoder)
             return await enter(self)
 
         with (
@@ -92,6 +92,18 @@ class RecordedClock(VirtualClock):
             patch.object(PickRecord, "__aenter__", enter_in_time),
         ):
             yield
+
+    async def _count_before(self, first: float, encoder: Encoder) -> None:
+        """Return when the count before that of ``first`` has come."""
+        come = asyncio.Event()
+        before = first - 1.5 * encoder.period_s
+        undo = encoder.counts.subscribe(lambda sample: come.set() if sample.t > before else None)
+        try:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(max(first - self.now(), 0.0) + WAIT_S):
+                    await come.wait()
+        finally:
+            undo()
 
     async def _paced(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
         """The same pieces; each is made by a task of its own, which the clock knows."""
