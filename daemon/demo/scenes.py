@@ -64,7 +64,8 @@ def give_delay(ledger: Ledger, device: str, truth: Mapping[str, Any]) -> None:
     """Commit how late the twin's fixed camera ``device`` is as an earlier latency calibration would have: off
     by a draw of what it states; say so."""
     sigma = DELAY_95_S / K95
-    late = float(truth["camera"]["stamp_late_s"]) + sigma * Random(str(truth["camera"])).gauss(0.0, 1.0)
+    against_arm = float(truth["camera"]["stamp_late_s"]) - float(truth["robot"]["stamp_late_s"])
+    late = against_arm + sigma * Random(str(truth["camera"])).gauss(0.0, 1.0)
     _accept(ledger, device, KnownDelay(late, sigma))
     say(f"the delay of {device} counts as measured before, to {1e3 * DELAY_95_S:g} ms (95 %)")
 

@@ -28,8 +28,8 @@ REPORTED = {"q_noise_rad": 0.00001, "qd_noise_rad_s": 0.00005, "force_bias_n": 2
 SERIAL = "99991100001"
 
 
-def draw_arm(known: KnownCell, rng: np.random.Generator) -> dict[str, Any]:
-    """``[world.arm]``."""
+def draw_arm(known: KnownCell, rng: np.random.Generator, late_s: float) -> dict[str, Any]:
+    """``[world.arm]``, whose stamps are ``late_s`` late."""
     repeatability = REPEATABILITY_M.get(_model(known), OTHERS_M) / AXES
     sizes = {"delta_theta": LINK_RAD, "delta_d": LINK_M, "delta_a": LINK_M, "delta_alpha": LINK_RAD}
     return {
@@ -45,7 +45,7 @@ def draw_arm(known: KnownCell, rng: np.random.Generator) -> dict[str, Any]:
             "sag_rad": (SAG_RAD * rng.uniform(0.5, 1.5, 3)).tolist(),
         },
         "servo": SERVO,
-        "reported": REPORTED,
+        "reported": {**REPORTED, "stamp_late_s": late_s},
     }
 
 

@@ -21,8 +21,8 @@ COUNTS = (16, 0xFFFF_FFFF)
 SERIAL = "999966001"
 
 
-def draw_belt(known: KnownBelt, rng: np.random.Generator, arm_late_s: float) -> dict[str, Any]:
-    """``belt`` and ``items`` of a scenario's world; no encoder of a twin is earlier than the arm."""
+def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
+    """``belt`` and ``items`` of a scenario's world."""
     direction = Rotation.from_rotvec([0.0, 0.0, TURN_RAD * rng.standard_normal()]).apply(known.dir)
     origin = [float(known.above[0]), float(known.above[1]), known.z_m]
     low, high = known.item_heights_m
@@ -30,7 +30,7 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator, arm_late_s: float) -> 
         "belt": {
             "serial": SERIAL,
             "jitter_s": ENCODER_JITTER_S,
-            "late_s": max(float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)) - arm_late_s, 0.0),
+            "late_s": float(rng.spawn(1)[0].uniform(*ENCODER_LATE_S)),
             "m_per_count": known.m_per_count * float(1.0 + SCALE_SHARE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),

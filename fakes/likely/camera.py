@@ -40,9 +40,7 @@ STEREO_SCALE = 0.01
 SERIAL = "99992200001"
 
 
-def draw_camera(
-    known: KnownCamera, arm: Chain, rng: np.random.Generator, arm_late_s: float
-) -> dict[str, Any]:
+def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dict[str, Any]:
     """``camera``, ``target``, ``target_print`` and ``placement`` of a scenario's world."""
     off = RigidTransform.from_components(
         MOUNT_M * rng.standard_normal(3), Rotation.from_rotvec(MOUNT_RAD * rng.standard_normal(3))
@@ -70,7 +68,7 @@ def draw_camera(
     # Drawn from a generator of its own, so that the places stay those of the seed.
     scale = 1.0 + STEREO_SCALE * float(rng.spawn(1)[0].standard_normal())
     camera |= {"stereo": {**_pair(told), "scale": scale}} if told.depth else {"depth": False}
-    camera["stamp_late_s"] = CAMERA.sigma_s * float(rng.spawn(1)[0].standard_normal()) - arm_late_s
+    camera["stamp_late_s"] = CAMERA.sigma_s * float(rng.spawn(1)[0].standard_normal())
     return {
         "camera": camera,
         "target": dict(known.target),

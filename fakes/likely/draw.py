@@ -32,26 +32,26 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
         zip(("arm", *known.parts), np.random.default_rng(seed).spawn(1 + len(known.parts)), strict=True)
     )
     arm = believed(known)
-    # A twin's arm stamps its states in time. It is late all the same, with the others so much earlier.
+    # What was measured of the others is against the arm, which is late itself.
     arm_late_s = float(np.random.default_rng([seed, _ARM_LATE]).uniform(*ARM_LATE_S))
     world: dict[str, Any] = {
         "seed": seed,
-        "arm": draw_arm(known, rngs["arm"]),
+        "arm": draw_arm(known, rngs["arm"], arm_late_s),
         "tool": draw_tool(known),
     }
     if known.camera is not None:
-        world |= draw_camera(known.camera, arm, rngs["camera"], arm_late_s)
+        world |= draw_camera(known.camera, arm, rngs["camera"])
         if (delay := known.camera.pictures.delay) is not None:
-            world["camera"]["stamp_late_s"] = _measured(delay, seed, _CAMERA_LATE)
+            world["camera"]["stamp_late_s"] = arm_late_s + _measured(delay, seed, _CAMERA_LATE)
     if known.beams is not None:
         world |= draw_beams(known, arm, rngs["beams"])
     if known.tracker is not None:
         world |= draw_tracker(known.tracker, rngs["tracker"])
     if known.belt is not None:
-        world |= draw_belt(known.belt, rngs["belt"], arm_late_s)
+        world |= draw_belt(known.belt, rngs["belt"])
         if (delay := known.belt.delay) is not None:
             # What was measured is the delay on average, and counts are later by half of their jitter.
-            late_s = _measured(delay, seed, _ENCODER_LATE) - 0.5 * world["belt"]["jitter_s"]
+            late_s = arm_late_s + _measured(delay, seed, _ENCODER_LATE) - 0.5 * world["belt"]["jitter_s"]
             world["belt"]["late_s"] = late_s
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
@@ -68,7 +68,7 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
 
 
 def _measured(delay: KnownDelay, seed: int, of: int) -> float:
-    """s: a delay about the measured one. That is against the arm's stamps, which a twin's arm gives in time.
+    """s: a delay about the measured one, which is against the arm's stamps.
 
     Camera and encoder are drawn apart, although an encoder is measured by the camera: in that the twin is
     less kind than a cell, in which what is open of the camera is open of the encoder alike.

@@ -170,7 +170,8 @@ class ObjectArm(ObjectDevice):
 
     def _state_at(self, t: float, tick: int) -> ArmState:
         c, track = self.controller, self.world.track
-        segment = track.segment_at(t)
+        was = t - self.world.reported.late_s
+        segment = track.segment_at(was)
         modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
         if self._resting is not None and self._resting[:2] == (segment, modes):
             return replace(
@@ -180,7 +181,7 @@ class ObjectArm(ObjectDevice):
                 speed_scaling=c.speed_scaling(t),
             )
         state = self._measure(t, tick, segment)
-        if t >= segment.t_end and self.world.reported.exact:
+        if was >= segment.t_end and self.world.reported.exact:
             self._resting = (segment, modes, state)
         return state
 
@@ -191,7 +192,8 @@ class ObjectArm(ObjectDevice):
             offset.flags.writeable = False
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), offset
         _, T_flange_tcp, tcp_offset6 = self._tcp
-        q, qd, tcp_pose6 = self._told(t, tick, segment, T_flange_tcp)
+        late_s = self.world.reported.late_s
+        q, qd, tcp_pose6 = self._told(t - late_s, tick, segment, T_flange_tcp)
         force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
         force.flags.writeable = False
         return ArmState(
@@ -210,14 +212,14 @@ class ObjectArm(ObjectDevice):
         )
 
     def _told(self, t: float, tick: int, segment: Segment, T_flange_tcp: Array) -> list[Array]:
-        """Joints, joint speeds and the TCP's pose, of this tick and those after it together."""
+        """Joints, joint speeds and the TCP's pose at ``t``, which this tick tells, and those of the ticks
+        after it together."""
         ahead = self._ahead
         if ahead is not None and ahead.segment is segment and ahead.T_flange_tcp is T_flange_tcp:
             told = ahead.at(t)
             if told is not None:
                 return told
-        ticks = ticks_ahead(segment, t, self.config.state_period_s)
-        self._ahead = ahead = Ahead(
-            self.world, segment, T_flange_tcp, [t, *(self.state.time_of(tick + k) for k in range(1, ticks))]
-        )
+        ticks, late_s = ticks_ahead(segment, t, self.config.state_period_s), self.world.reported.late_s
+        later = (self.state.time_of(tick + k) - late_s for k in range(1, ticks))
+        self._ahead = ahead = Ahead(self.world, segment, T_flange_tcp, [t, *later])
         return present(ahead.at(t), "time that was foreseen")

@@ -253,8 +253,8 @@ class Robot:
             self.protective_stop()
 
     def instant(self, t: float) -> Instant:
-        """The state at ``t`` with the controller's own stamp: seconds since its boot."""
-        q, qd = self.reported.joints(t, *self.arm.track.at(t))
+        """The state at ``t`` as it is told, with the controller's own stamp: seconds since its boot."""
+        q, qd = self.reported.joints(t, *self.arm.track.at(t - self.reported.late_s))
         return Instant(self, t, t - self.boot_time + self.clock_offset, q, qd)
 
     def contact_force(self, t: float | None = None) -> Array:

@@ -374,6 +374,7 @@ class World:
                 "factory": self.config.arm.factory.model_dump(),
                 "error": self.config.arm.error.model_dump(),
                 "joint_errors": [] if self.true.errors is None else self.true.errors.told(),
+                "stamp_late_s": self.reported.late_s,
             },
             **({} if self.observed is None else {"observed": self.observed.report(t)}),
             "noise": {

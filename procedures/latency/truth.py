@@ -33,14 +33,14 @@ def judge_delay(result: LatencyResult, truth: Mapping[str, Any], folder: Path) -
 
 
 def _true_delay(truth: Mapping[str, Any], job: Mapping[str, Any]) -> tuple[str, float]:
-    """What was measured, and how late it is, s."""
-    source = job["source"]
+    """What was measured, and how late it is against the arm's stamps, s (record 0062)."""
+    source, arm = job["source"], float(truth["robot"].get("stamp_late_s", 0.0))
     if source == "beams":
         # The module takes a level over after its filter, and on average half a scan later.
         module = truth.get("io", {})
         late = float(module.get("filter_s", 0.0)) + 0.5 * float(module.get("scan_s", 0.0))
-        return f"beam {job['beam']}", float(truth["beams"][job["beam"]]["latency_s"]) + late
+        return f"beam {job['beam']}", float(truth["beams"][job["beam"]]["latency_s"]) + late - arm
     if source == "belt":
         belt = truth["belt"]
-        return "the encoder", float(belt["late_s"] + 0.5 * belt["jitter_s"])
-    return "the camera", float(truth["camera"]["stamp_late_s"])
+        return "the encoder", float(belt["late_s"] + 0.5 * belt["jitter_s"]) - arm
+    return "the camera", float(truth["camera"]["stamp_late_s"]) - arm

@@ -23,6 +23,11 @@ class Reported:
         self._truth, self._seed = truth, seed
 
     @property
+    def late_s(self) -> float:
+        """Joints, speeds and the TCP's pose are those of so much before their stamp."""
+        return self._truth.stamp_late_s
+
+    @property
     def exact(self) -> bool:
         """Whether joints and speeds are reported as they are."""
         return not (self._truth.q_noise_rad or self._truth.qd_noise_rad_s)

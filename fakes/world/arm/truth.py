@@ -78,6 +78,13 @@ class ReportedTruth(Strict):
     qd_noise_rad_s: float = Field(default=0.0, ge=0, le=0.01, description="sigma of each joint's speed")
     force_bias_n: float = Field(default=0.0, ge=0, le=50, description="of the TCP force, in one direction")
     force_walk_n: float = Field(default=0.0, ge=0, le=50, description="of each of the slow waves in it")
+    stamp_late_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.02,
+        description="joints, speeds and the TCP's pose were so as much before their stamp; when in a cycle a "
+        "controller reads its joints is not published",
+    )
 
 
 class ArmTruth(Strict):

@@ -284,7 +284,8 @@ def test_a_delay_that_the_cell_has_measured_is_drawn_about_that_value_as_well_as
         rehearsed_cell(load_config(path), path, "belt-calibration", seed, tmp_path)
         world = Scenario.load(tmp_path / "scenario.toml").world
         camera, belt = present(world.camera, "camera"), present(world.belt, "belt")
-        late.append((camera.stamp_late_s, belt.late_s + 0.5 * belt.jitter_s))
+        arm_s = world.arm.reported.stamp_late_s
+        late.append((camera.stamp_late_s - arm_s, belt.late_s + 0.5 * belt.jitter_s - arm_s))
     sigmas = np.array([0.0005, 0.0008]) / 1.96
     np.testing.assert_allclose(np.mean(late, axis=0), [0.015, -0.002], atol=4 * sigmas.max() / np.sqrt(40))
     np.testing.assert_allclose(np.std(late, axis=0), sigmas, rtol=0.4)

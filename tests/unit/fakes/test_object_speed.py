@@ -99,6 +99,31 @@ def test_a_stream_that_is_slowed_is_told(tmp_path: Path, slider: float, limit: f
     run_virtual(scene())
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.0015])
+def test_an_arm_tells_joints_as_they_were_before_their_stamp(tmp_path: Path, late_s: float) -> None:
+    noise = "q_noise_rad = 0.00001\nqd_noise_rad_s = 0.00005"
+    path = tmp_path / "late.toml"
+    path.write_text(shipped_text("hand_eye").replace(noise, f"stamp_late_s = {late_s}"), "utf-8")
+
+    async def scene() -> None:
+        arm = arm_on(VirtualClock(), str(path))
+        await arm.open()
+        port = await arm.open_motion(TOOL)
+        begin = arm.clock.now()
+        await port.move_joints(arm.state.latest(0.1).value.q + 0.3, SLOW)
+        told = arm.state.between(begin, arm.clock.now())
+        track = arm.world.track
+        assert sum(bool(s.value.qd.any()) for s in told) > 20
+        for s in told:
+            q, qd = track.at(s.t - late_s)
+            assert s.value.q == pytest.approx(q, abs=1e-9)
+            assert s.value.qd == pytest.approx(qd, abs=1e-9)
+        await port.close()
+        await arm.close()
+
+    run_virtual(scene())
+
+
 @pytest.mark.parametrize("kind", ["joints", "linear"])
 def test_a_move_takes_longer_under_the_slider(kind: str) -> None:
     async def took(fraction: float) -> float:

@@ -111,6 +111,19 @@ def test_what_is_reported_is_noisy_about_what_is_so_and_two_looks_agree() -> Non
     assert np.linalg.norm(subject.force(2.0)) == pytest.approx(2.0)
 
 
+def test_a_controller_may_tell_joints_as_they_were_before_their_stamp() -> None:
+    text = shipped_text("picking").replace("q_noise_rad = 0.00001", "stamp_late_s = 0.0015")
+    world = World.from_scenario(Scenario.parse(text.replace("qd_noise_rad_s = 0.00005\n", "")), 0.0)
+    robot = controller_for(world, "127.0.0.3").robot
+    world.track.start_joint_move(1.0, world.track.at(1.0)[0] + RATE, 1.0, 4.0)
+    told = robot.instant(1.3)
+    q, qd = world.track.at(1.3 - 0.0015)
+    assert told.q == pytest.approx(q.tolist())
+    assert told.qd == pytest.approx(qd.tolist())
+    assert told.q != pytest.approx(world.track.at(1.3)[0].tolist())
+    assert world.truth()["robot"]["stamp_late_s"] == 0.0015
+
+
 def test_a_force_without_contact_walks_by_newtons() -> None:
     subject = Reported(ReportedTruth(force_walk_n=2.0), seed=3)
     force = np.array([subject.force(t) for t in np.arange(0.0, 60.0, 0.5)])

@@ -43,13 +43,14 @@ STOPS = (
 )
 
 
-def late_cell(folder: Path, profile: str = STOPS, **job: Any) -> Any:
-    """The picking cell whose camera and encoder stamp late; items come all the time."""
+def late_cell(folder: Path, profile: str = STOPS, arm_s: float = 0.0, **job: Any) -> Any:
+    """The picking cell whose camera, encoder and arm stamp late; items come all the time."""
     world = {
         "profile": profile,
         "exposure_s": f"0.004\nstamp_late_s = {CAMERA_S}",
         "node": f"5\nlate_s = {ENCODER_S}",
         "spacing_m": "0.2",
+        "repeatability_t_m": f"0.0\n[world.arm.reported]\nstamp_late_s = {arm_s}",
     }
     return picking_config(folder, {}, world, sections={JOB: {**QUICK, **job}})
 
@@ -75,12 +76,15 @@ def judged(cell: ObjectCell, device: str, delay_s: float) -> dict[str, Any]:
     return dict(result)
 
 
-def test_a_fixed_camera_is_as_late_as_its_world_says_and_jobs_go_by_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("arm_s", [0.0, 0.002])
+def test_a_fixed_camera_is_as_late_against_the_arm_as_its_world_says_and_jobs_go_by_it(
+    tmp_path: Path, arm_s: float
+) -> None:
     async def main() -> None:
-        async with picking_cell(late_cell(tmp_path)) as cell:
+        async with picking_cell(late_cell(tmp_path, arm_s=arm_s)) as cell:
             end = await cell.run_job(job=JOB)
             assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end["error"]
-            result = judged(cell, "camera", CAMERA_S)
+            result = judged(cell, "camera", CAMERA_S - arm_s)
             assert abs(result["result"]["hysteresis_m"]) < 3e-5
             assert cell.at_rest()
             run_id = await cell.start()  # picking
