@@ -18,7 +18,8 @@ class RunValues:
     ``calibration``: by setup of a capture, the (6,) poses ``X`` and ``W`` as far as they are known.
     ``belt``: ``m_per_count`` and ``dir``. ``time_offset_s``: by role, the offset in effect (``effective``)
     and what the driver has subtracted already (``applied``), and for a measured one in effect its standard
-    deviation (``sigma``). ``kinematics``: by role, the calibrated arm in effect or None. ``arm_model``: the
+    deviation (``sigma``), of which an encoder's may have that of the camera in it (``camera_sigma``).
+    ``kinematics``: by role, the calibrated arm in effect or None. ``arm_model``: the
     model that the run goes by, ``{"name": "controller"}`` or
     ``{"name": "kinematics.<device>", "version": n}``.
 

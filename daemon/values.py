@@ -82,7 +82,11 @@ def resolve_values(
         ),
         laser_reference=effect.value(laser_reference(tool.name), None) if tool and referred else None,
         belt=effect.value(belt_scale(roles["belt"]), values.belt) if "belt" in roles else None,
-        time_offset_s={role: _offset(config, effect, roles[role]) for role in STAMPED_ROLES if role in roles},
+        time_offset_s=_with_camera_in_it(
+            {role: _offset(config, effect, roles[role]) for role in STAMPED_ROLES if role in roles},
+            effect,
+            roles,
+        ),
         # Where the true flange is; a run goes by it when ``use_kinematics`` says so.
         kinematics={role: effect.value(kinematics(roles[role]), None) for role in ARM_ROLES if role in roles},
         configured=effect.configured,
@@ -124,15 +128,17 @@ class _InEffect:
 def stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the result of a version says of its uncertainty, the lens that belongs to it, without an
     adjustment the one that was estimated before, and the target, with the printed size that was found; of a
-    belt the intervals of scale and direction."""
-    answer, inputs = ((result or {}).get(part) or {} for part in ("result", "inputs"))
+    belt the intervals of scale and direction; of an encoder's delay what the camera has in it."""
+    answer, inputs, spread = ((result or {}).get(part) or {} for part in ("result", "inputs", "uncertainty"))
     answer = {
         **answer,
         "lens": answer.get("lens") or answer.get("intrinsics"),
         "target": inputs.get("target"),
+        "camera_version": inputs.get("camera_version"),
+        "camera_sigma_s": spread.get("camera_sigma_s"),
     }
     of_poses = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
-    keys = (*of_poses, "m_per_count_95", "dir_95_rad")
+    keys = (*of_poses, "m_per_count_95", "dir_95_rad", "camera_version", "camera_sigma_s")
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 
@@ -164,6 +170,21 @@ def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, flo
         low, high = effect.uncertainty.get(name, {}).get("interval95_s", (0.0, 0.0))
         offset["sigma"] = 0.5 * (high - low) / _SIGMAS95
     return offset
+
+
+def _with_camera_in_it(
+    offsets: dict[str, dict[str, float]], effect: _InEffect, roles: Mapping[str, str]
+) -> dict[str, dict[str, float]]:
+    """``offsets`` by role; that of an encoder with the part of its ``sigma`` that the camera's version in
+    effect brings, 0 where it was measured with another one, and without where its result does not tell."""
+    if not {"belt", "fixed_camera"} <= roles.keys():
+        return offsets
+    encoder, camera = (time_offset(roles[role]) for role in ("belt", "fixed_camera"))
+    stated = effect.uncertainty.get(encoder, {})
+    if "sigma" in offsets["belt"] and (version := stated.get("camera_version")) is not None:
+        same = version == effect.versions.get(camera)
+        offsets["belt"]["camera_sigma"] = float(stated.get("camera_sigma_s", 0.0)) if same else 0.0
+    return offsets
 
 
 def with_limits(

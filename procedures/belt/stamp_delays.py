@@ -9,9 +9,21 @@ item is ahead of where the tool meets it by
 along the belt: at an even speed counts cost nothing, and a delay that all three have costs nothing at any.
 A camera is measured against the arm, which is ``c - a``, and an encoder against the camera, ``e - c``. What
 was not measured counts as such devices are late.
+
+So the error of an encoder's delay has that of the camera in it. Where the camera's is still the same
+measurement, with an error ``dc``, and the encoder's own is ``de``, pictures are late by ``dc`` and counts by
+``dc + de``, and
+
+    dc v + (dc + de) (w - v)  =  dc w + de (w - v)
+
+is left. Where the camera was measured anew since, both errors are apart. It is assumed that a delay stays
+what it was when it was measured, and that ``dc`` and ``de`` have nothing in common (they are of two runs).
+Results of before the camera's version was kept in them do not say which of the two it is. The larger figure
+counts then: that of errors together where the belt runs faster at the contact, and else that of errors apart.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import sqrt
 
 import numpy as np
 
@@ -32,7 +44,8 @@ Term = tuple[Usual, float]
 class StampDelays:
     """Of one run, whose contacts are told by ``met``.
 
-    ``offsets`` are those in effect by role, with the ``sigma`` of one that was measured.
+    ``offsets`` are those in effect by role, with the ``sigma`` of one that was measured, and of the encoder
+    the ``camera_sigma`` in it (0: of another measurement of the camera; absent: not known).
     """
 
     def __init__(self, offsets: Offsets) -> None:
@@ -40,6 +53,7 @@ class StampDelays:
         self.camera_measured, self.encoder_measured = camera is not None, encoder is not None
         self._camera = CAMERA if camera is None else Usual(0.0, camera)
         self._encoder = ENCODER if encoder is None else Usual(0.0, encoder)
+        self._camera_in_encoder = offsets.get(ENCODER_ROLE, {}).get("camera_sigma")
         self._speeds: list[tuple[float, float]] = []
 
     @property
@@ -107,7 +121,17 @@ class StampDelays:
         # Counts that were measured against pictures are late with them.
         late_together = self.encoder_measured and not self.camera_measured
         arm = contact if not self.camera_measured else 0.0 if self.encoder_measured else change
+        if self.camera_measured and self.encoder_measured and self._errors_together(seen * change > 0.0):
+            own = Usual(0.0, sqrt(self._encoder.sigma_s**2 - self._camera.sigma_s**2))
+            return (self._camera, contact), (own, change), (ARM, 0.0)
         return (self._camera, contact if late_together else seen), (self._encoder, change), (ARM, -arm)
+
+    def _errors_together(self, faster: bool) -> bool:
+        """Whether the encoder's error has the camera's in it; where nobody knows, what is the larger."""
+        inside = self._camera_in_encoder
+        if self._encoder.sigma_s < self._camera.sigma_s:
+            return False  # the camera's was smaller then, so it was another measurement
+        return faster if inside is None else inside > 0.0
 
 
 def _mean_square(terms: Sequence[Term]) -> float:

@@ -63,6 +63,10 @@ class LatencyInputs(Inputs):
 
     path: str = Field(description="The data set.")
     passes: int = Field(description="Ways in it; 0 for a belt.")
+    camera_version: int | None = Field(
+        default=None,
+        description="Version of the camera's delay by which a belt was seen; null where none was in effect.",
+    )
     source: str = Field(description="Device.")
 
 

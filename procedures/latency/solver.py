@@ -45,7 +45,12 @@ def solve_latency(path: Path) -> LatencyResult | Result:
     """
     file = path / DATA_FILE if path.is_dir() else path
     data = _read(file)
-    inputs = LatencyInputs(path=str(file), passes=len(data.get("passes", ())), source=data["source"])
+    inputs = LatencyInputs(
+        path=str(file),
+        passes=len(data.get("passes", ())),
+        source=data["source"],
+        camera_version=data.get("camera_version"),
+    )
     began = time.perf_counter()
     try:
         found = SIGNALS[data["signal"]](data)

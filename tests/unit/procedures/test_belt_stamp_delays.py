@@ -22,6 +22,7 @@ SLOWER = ("of the camera are", "0.270 mm (95 %) along the belt at the run's 0.15
 OF_ENCODER = ("of the encoder are", "0.227 mm (95 %) along the belt where", "=belt`")
 BESIDE_ARM = ("of the encoder are", "0.152 mm (95 %) along the belt where", "=belt`")
 BOTH = {"fixed_camera": MEASURED, "belt": MEASURED}
+APART = {"fixed_camera": MEASURED, "belt": MEASURED | {"camera_sigma": 0.0}}
 
 
 @pytest.mark.parametrize("encoder", [{}, {"belt": CONFIGURED}, {"belt": MEASURED | {"sigma": 0.0004}}])
@@ -65,7 +66,7 @@ def test_without_a_contact_the_cost_is_that_at_a_tenth_of_a_metre_a_second() -> 
 
 @pytest.mark.parametrize(
     "offsets",
-    [{}, {"fixed_camera": MEASURED}, {"fixed_camera": CONFIGURED, "belt": MEASURED}, BOTH],
+    [{}, {"fixed_camera": MEASURED}, {"fixed_camera": CONFIGURED, "belt": MEASURED}, APART],
 )
 @pytest.mark.parametrize(("seen", "contact"), [(0.15, 0.15), (0.15, 0.1), (0.15, 0.0), (0.1, 0.2)])
 def test_what_is_stated_is_how_late_such_devices_put_contacts(
@@ -83,6 +84,47 @@ def test_what_is_stated_is_how_late_such_devices_put_contacts(
     off = camera * seen + encoder * (contact - seen) - arm * contact
     stated = StampDelays(offsets).variance(seen, contact)
     assert np.sqrt(np.mean(off**2)) == pytest.approx(np.sqrt(stated), rel=0.01)
+
+
+SPEEDS = [(0.15, 0.15), (0.15, 0.1), (0.15, 0.0), (0.1, 0.2), (-0.1, -0.2)]
+CAMERA_S, OWN_S = 0.0004, 0.0003
+
+
+def left_open(seen: float, contact: float, anew: bool) -> float:
+    """m, root mean square: cameras are measured against arms, and encoders by their pictures; ``anew``: the
+    camera once more after that."""
+    rng, n = np.random.default_rng(6), 200_000
+    camera, arm = CAMERA.sigma_s * rng.standard_normal(n), rng.uniform(*ARM_LATE_S, n)
+    encoder = rng.uniform(*ENCODER_LATE_S, n)
+    found_camera = camera - arm + CAMERA_S * rng.standard_normal(n)
+    found_encoder = encoder - (camera - found_camera) + OWN_S * rng.standard_normal(n)
+    if anew:
+        found_camera = camera - arm + CAMERA_S * rng.standard_normal(n)
+    off = (camera - found_camera) * seen + (encoder - found_encoder) * (contact - seen) - arm * contact
+    return float(np.sqrt(np.mean(off**2)))
+
+
+@pytest.mark.parametrize("anew", [False, True])
+@pytest.mark.parametrize(("seen", "contact"), SPEEDS)
+def test_the_error_of_an_encoder_has_that_of_the_camera_by_which_it_was_measured(
+    seen: float, contact: float, anew: bool
+) -> None:
+    belt = {"sigma": float(np.hypot(CAMERA_S, OWN_S)), "camera_sigma": 0.0 if anew else CAMERA_S}
+    subject = StampDelays({"fixed_camera": {"sigma": CAMERA_S}, "belt": belt})
+    assert np.sqrt(subject.variance(seen, contact)) == pytest.approx(left_open(seen, contact, anew), rel=0.01)
+
+
+@pytest.mark.parametrize(("seen", "contact"), SPEEDS)
+def test_where_nobody_knows_which_camera_it_was_the_larger_figure_counts(seen: float, contact: float) -> None:
+    belt = {"sigma": float(np.hypot(CAMERA_S, OWN_S))}
+    subject = StampDelays({"fixed_camera": {"sigma": CAMERA_S}, "belt": belt})
+    either = [left_open(seen, contact, anew) for anew in (False, True)]
+    assert np.sqrt(subject.variance(seen, contact)) == pytest.approx(max(either), rel=0.01)
+
+
+def test_a_camera_that_is_known_less_well_than_the_encoder_was_measured_anew() -> None:
+    subject = StampDelays({"fixed_camera": {"sigma": 0.0005}, "belt": {"sigma": 0.0003, "camera_sigma": 0.0}})
+    assert subject.variance(0.1, 0.2) == pytest.approx(0.00005**2 + 0.00003**2)
 
 
 def test_check_counts_a_delay_that_was_not_measured_and_names_what_measures_it(tmp_path: Path) -> None:

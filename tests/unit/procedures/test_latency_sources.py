@@ -118,8 +118,22 @@ def test_an_encoder_is_late_against_a_camera_whose_delay_is_known(tmp_path: Path
             assert result["uncertainty"]["camera_sigma_s"] == pytest.approx(1e-4 / 1.96, rel=0.01)
             assert result["uncertainty"]["sigma_s"] > result["uncertainty"]["camera_sigma_s"]
             assert (cell.plant.world.track.at(cell.clock.now())[0] == before).all()
+            camera_sigma = result["uncertainty"]["camera_sigma_s"]
+            assert await in_the_encoder(cell) == camera_sigma
+            known(cell, "camera", CAMERA_S)  # once more, so that its error is another one
+            assert await in_the_encoder(cell) == 0.0
 
     run_virtual(main())
+
+
+async def in_the_encoder(cell: ObjectCell) -> float | None:
+    """What a job of now takes as the camera's part of how well the encoder's delay is known, s."""
+    run_id = await cell.start()
+    await cell.engine.finish(WHO)
+    await cell.finished(run_id)
+    offsets = json.loads((cell.folder(run_id).path / "run.json").read_text())["values"]["time_offset_s"]
+    part: float | None = offsets["belt"].get("camera_sigma")
+    return part
 
 
 def test_a_jump_of_the_count_ends_the_run_by_name(tmp_path: Path) -> None:
