@@ -1,9 +1,11 @@
 """How each protocol is cut into messages, and which of them answer which: what a player matches by."""
 
 import json
+import shutil
 import struct
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 Message = bytes
@@ -85,13 +87,16 @@ def _packed(layout: str, value: dict[str, Any]) -> Message:
 
 
 def _vision_answering(answer: Message, question: Message) -> Message:
-    """The pictures of a capture lie where they were asked for this time."""
+    """The pictures of a capture lie where they were asked for this time: copies, if they are still there."""
     said, asked = _motion(answer), _motion(question)
     said["id"] = asked["id"]
     for frame in said.get("frames", ()):
         for name in ("colour_file", "depth_file"):
             if frame.get(name) and "folder" in asked:
-                frame[name] = f"{asked['folder']}/{frame[name].rsplit('/', 1)[1]}"
+                there = Path(frame[name])
+                frame[name] = f"{asked['folder']}/{there.name}"
+                if there.exists():
+                    shutil.copyfile(there, frame[name])
     return _packed("<I", said)
 
 

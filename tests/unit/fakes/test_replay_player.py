@@ -5,6 +5,7 @@ import json
 import socket
 import struct
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -120,6 +121,16 @@ def test_streams_are_cut_where_the_drivers_own_messages_end() -> None:
         for at in range(0, len(stream), 3):
             found += subject.feed(stream[at : at + 3])
         assert found == messages
+
+
+def test_the_pictures_of_a_capture_are_copied_where_the_run_still_has_them(tmp_path: Path) -> None:
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.mkdir()
+    new.mkdir()
+    (old / "p1-depth.png").write_bytes(b"depth")
+    said = {"type": "answer", "id": 9, "frames": [{"colour_file": None, "depth_file": f"{old}/p1-depth.png"}]}
+    BY_NUMBER["vision-child"].answering(pack(said), pack({"type": "capture", "id": 2, "folder": str(new)}))
+    assert (new / "p1-depth.png").read_bytes() == b"depth"
 
 
 def test_the_pictures_of_a_capture_are_where_they_are_asked_for() -> None:
