@@ -253,7 +253,7 @@ class RecordedPace(InlineWorker):
 
 @contextmanager
 def _stand_ins(player: WirePlayer, clock: Clock) -> Iterator[None]:
-    """Children are played at their pipes, and an input module is asked when it was asked."""
+    """Children are played at their pipes; modules and an arm that is read are asked when they were asked."""
 
     class Motion(MotionClient):
         @classmethod
@@ -311,7 +311,8 @@ def _stand_ins(player: WirePlayer, clock: Clock) -> Iterator[None]:
     with ExitStack() as stack:
         stack.enter_context(patch("drivers.ur.arm.MotionClient", Motion))
         stack.enter_context(patch.object(ChildLink, "start", start))
-        stack.enter_context(patch("drivers.modbus_inputs.inputs.Ticker", Ticker))
+        for reader in ("modbus_inputs.inputs", "observed_arm.reader"):
+            stack.enter_context(patch(f"drivers.{reader}.Ticker", Ticker))
         yield
 
 
