@@ -100,6 +100,13 @@ ROWS: tuple[Row, ...] = (
         long=True,
     ),
     Row(
+        "stamps 2 ms late",
+        "arm",
+        Wanted(warning="belt.delays"),
+        partial(picking, world={"force_walk_n": "2.0\nstamp_late_s = 0.002"}),
+        long=True,
+    ),
+    Row(
         "input filter of 100 ms",
         "module of the beams",
         Wanted(check="set a shorter filter in the module", code="LASER_OUT_BACK"),
