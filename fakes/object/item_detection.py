@@ -9,11 +9,14 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics, ItemView
 from cell.poses import Array
+from fakes.frames.stereo import SHARED_PX
 from fakes.world.belt.items import Items
 from fakes.world.camera.truth import CameraTruth
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
-_SIGMA_STEREO_M = 0.0003  # with depth of a stereo pair; bench.items_stereo shows less
+_SIGMA_STEREO_M = (
+    0.0003  # with depth of a stereo pair, beside that of the height; bench.items_stereo shows less
+)
 _SCALE_SIGMA = 0.02  # of a height by a stereo pair, as the detector states it
 _WHOLE_PX, _SMEARED = 4.0, 0.1  # a smear that does no harm; by each pixel more, of the middle along the belt
 _RIM_PX = 5.0
@@ -35,10 +38,12 @@ def items_seen(
             late = float(look.camera.row_delay_s(top[:3, 3]))
             top = T_camera_base @ items.matrix(number, t + late)
         middle, size_m = top[:3, 3], items.lying(number).size_m
+        noise = np.random.default_rng([look.seed, look.tick, number, 0x5EE]).standard_normal(6)
         corners = _corners(size_m) @ top[:3, :3].T + middle
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
             continue
-        height = look.height_told(float(normal @ middle) - float(spec["offset_m"]))
+        sigma_h = look.height_sigma_m(middle, normal, size_m)
+        height = look.height_told(float(normal @ middle) - float(spec["offset_m"]) + sigma_h * noise[5])
         if not spec["min_height_m"] <= height <= spec["max_height_m"]:
             continue
         if not spec["size_m"][0] <= max(size_m[:2]) <= spec["size_m"][1]:
@@ -50,15 +55,14 @@ def items_seen(
         # On the sight, where it is as high as is believed.
         middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
         middle = look.placed(middle, normal)
-        rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
         sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
-        off = sigma * rng.standard_normal(3)
+        off = sigma * noise[:3]
         if look.camera.stereo is not None:
-            sigma = float(np.hypot(sigma, _slant(middle, normal) * _SCALE_SIGMA * height))
-        turn = _SIGMA_RAD * rng.standard_normal()
+            sigma = float(np.hypot(sigma, _slant(middle, normal) * np.hypot(sigma_h, _SCALE_SIGMA * height)))
+        turn = _SIGMA_RAD * noise[3]
         axis = top[:3, :3] @ [np.cos(turn), np.sin(turn), 0.0]
         smeared = _SMEARED * max(smear_m - _WHOLE_PX * middle[2] / look.camera.K[0], 0.0)
-        off = off + smeared * rng.standard_normal() * moves
+        off = off + smeared * noise[4] * moves
         sigma = float(np.hypot(sigma, smeared))
         length, width = sorted(size_m[:2], reverse=True)
         found.append(ItemView(middle + off, axis, (length, width), height, sigma))
@@ -83,6 +87,19 @@ class Look:
     def height_told(self, height_m: float) -> float:
         """The height over the belt that depth gives to a face; the belt's is off by the same share."""
         return height_m if self.camera.stereo is None else self.camera.stereo.scale * height_m
+
+    def height_sigma_m(self, middle: Array, normal: Array, size_m: Sequence[float]) -> float:
+        """Of the height that depth gives to a face of that size with its ``middle`` (3,) in the camera, m.
+
+        It is the mean of a face above that of the belt beside it, which is about as large in the detector's
+        window. Neighbours share their noise, as in :mod:`fakes.frames.stereo`.
+        """
+        if self.camera.stereo is None:
+            return 0.0
+        depth_m, (fx, fy) = float(middle[2]), self.camera.K[:2]
+        parts = size_m[0] * size_m[1] * fx * fy / (depth_m * SHARED_PX) ** 2
+        sigma = self.camera.stereo.depth_sigma_m(depth_m) * np.sqrt(2.0 / max(parts, 1.0))
+        return float(abs(normal @ middle) / depth_m * sigma)
 
     def placed(self, point: Array, normal: Array) -> Array:
         """Where the sight through the pixel of ``point`` (3,), by the detector's lens, meets its level."""

@@ -38,6 +38,12 @@ class StereoTruth(Strict):
     holes: float = Field(default=0.0, ge=0, lt=1, description="share of the picture that has no depth")
     scale: float = Field(default=1.0, gt=0.5, lt=2, description="of what is told")
 
+    def depth_sigma_m(self, depth_m: float) -> float:
+        """Of a depth before it is scaled (m), by the noise of its disparity and by the steps of that, which
+        leave a step over the root of 12."""
+        disparity_px = float(np.hypot(self.noise_px, 1.0 / (self.steps * np.sqrt(12.0))))
+        return depth_m**2 / (self.focal_px * self.baseline_m) * disparity_px
+
 
 class CameraTruth(Strict):
     """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""

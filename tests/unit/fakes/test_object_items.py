@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from fakes.frames.stereo import stereo_depth
-from fakes.world.camera.truth import StereoTruth
-from tests.kit.item_scene import Scene
+from fakes.object.item_detection import Look
+from fakes.world.camera.truth import CameraTruth, StereoTruth
+from tests.kit.item_scene import CAMERA, SIZE, T_BASE_CAMERA, Scene
 from tests.kit.object_items import items_of_seconds
 
 SCALE = 1.05
+EXACT = StereoTruth(noise_px=0.0, steps=64, focal_px=1e6)  # by its disparity, its scale is unknown as any
 
 
 def test_depth_of_a_wrong_scale_shifts_items_along_their_sights_as_in_a_picture() -> None:
@@ -35,8 +37,44 @@ def test_depth_of_a_wrong_scale_shifts_items_along_their_sights_as_in_a_picture(
 
 
 def test_the_further_off_the_middle_the_less_sure_is_an_item_by_stereo() -> None:
-    normal, items = items_of_seconds(10, stereo=StereoTruth(scale=1.0))
+    normal, items = items_of_seconds(10, stereo=EXACT)
     slant = np.array([np.linalg.norm(i.point - (i.point @ normal) * normal) for i in items])
     says = np.array([i.sigma_m for i in items])
     assert (np.diff(says[np.argsort(slant)]) > -1e-9).all()
     assert says.max() > 1.05 * says.min()
+
+
+@pytest.mark.parametrize(("coarse", "fine"), [({}, {"focal_px": 880.0}), ({"steps": 2}, {"steps": 32})])
+def test_heights_scatter_more_by_a_pair_with_coarser_disparity(
+    coarse: dict[str, float], fine: dict[str, float]
+) -> None:
+    _, exact = items_of_seconds(40, stereo=EXACT)
+    off, says = [], []
+    for pair in (coarse, fine):
+        _, items = items_of_seconds(40, stereo=StereoTruth(**pair))
+        assert len(items) == len(exact) > 60
+        off.append(np.std([a.height_m - b.height_m for a, b in zip(items, exact, strict=True)]))
+        says.append(np.mean([i.sigma_m for i in items]))
+    assert 1e-4 < off[1] < 0.8 * off[0] < 1e-3
+    assert says[1] < says[0]
+
+
+@pytest.mark.parametrize("pair", [{}, {"focal_px": 880.0}])
+def test_a_height_scatters_as_that_of_the_detector_in_pictures(pair: dict[str, float]) -> None:
+    stereo, scene = StereoTruth(**pair), Scene(noise_once=True)
+    rng, detector = np.random.default_rng(3), scene.detector()
+    heights, says = [], []
+    for _ in range(24):
+        x, y, yaw = rng.uniform(-0.3, 0.3), rng.uniform(-0.7, -0.5), rng.uniform(0.0, np.pi)
+        colour, depth = scene.picture([(x, y, yaw)])
+        heights += [item.height_m for item in detector.find(colour, stereo_depth(depth, stereo, rng))]
+        middle = T_BASE_CAMERA.inv().apply([x, y, SIZE[2]])
+        look = Look(None, camera_of(stereo), CAMERA, 1, 1)
+        says.append(look.height_sigma_m(middle, scene.normal, SIZE))
+    assert len(heights) > 20
+    assert np.std(heights, ddof=1) == pytest.approx(np.mean(says), rel=0.35)
+
+
+def camera_of(stereo: StereoTruth) -> CameraTruth:
+    told = {"K": list(CAMERA.K), "nominal": [0.0] * 6, "T_base_camera": [0.0] * 6}
+    return CameraTruth.model_validate({**told, "stereo": stereo.model_dump()})
