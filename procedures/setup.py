@@ -83,7 +83,7 @@ class Setup:
         if self.gripper_moves_s is None or getattr(section, "confirm", None) is not None:
             return []
         return [
-            f"[device.{name}] has no confirm: each grip counts as a pick once its time is over, also where "
+            f"[device.{name}] has no confirm: each grip counts as good once its time is over, also where "
             "nothing is held; wire a vacuum switch or a sensor in the fingers, and give it as confirm"
         ]
 

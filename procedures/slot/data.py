@@ -69,12 +69,14 @@ class LookTaken(Strict):
 
 
 class InsertionOutcome(Strict):
-    """What became of it. ``travel_m`` of the part's front in the slot; ``reasons``: why it ended badly."""
+    """What became of it. ``travel_m`` of the part's front in the slot; ``reasons``: why it ended badly;
+    ``confirmed``: whether anything told what the gripper held, None in data sets of before."""
 
     states: list[PartState] = Field(default_factory=lambda: [PartState.NONE])
     travel_m: Length | None = None
     force_n: Force | None = None
     reasons: list[str] = Field(default_factory=list)
+    confirmed: bool | None = None
 
 
 class SlotData(Strict):

@@ -38,7 +38,7 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
             f"part.sigma_m, part.sigma_rad and rack.sigma_rad{_of_marker(job)} alone leave {mm(alone)} "
             f"(95 %) open, and {mm(job.clearance_m)} is free: every insertion would be refused"
         )
-    cautions = [*_cautions(setup, job, alone), *tight]
+    cautions = [*_cautions(setup, job, alone), *tight, *setup.gripper_confirms_nothing()]
     text = (
         f"slot {job.slot} of {job.rack.rows * job.rack.columns}, {mm(job.clearance_m)} free on each side; "
         f"{_known_now(job)} alone leave {mm(alone)} (95 %) open, hand-eye, arm and look come on top"

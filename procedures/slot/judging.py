@@ -14,7 +14,7 @@ from calibration.slot.budget import Budget, Geometry, Sources, error_budget
 from calibration.slot.opening import FoundOpening
 from calibration.slot.rectangle import Rectangle
 from cell.errors import present
-from cell.formats.result import Result, Verdict
+from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array, from_pose6, log_xi, to_pose6
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.data import BudgetShare, InsertionOutcome, LookTaken, SlotData, read_data_set
@@ -40,6 +40,11 @@ BOARD, CAMERA, PART, DIRECTION, DETECTION, MARKER = (
 )  # fmt: skip
 _TARGET_BLOCK = "target"  # of a hand-eye budget: what the board is not known to
 _TILT = [3, 4]
+_UNCONFIRMED = Warning_(
+    code="slot.unconfirmed",
+    text="nothing confirms what the gripper holds: its fingers may have closed on nothing, and then no part "
+    "was moved; wire a sensor in the fingers or a vacuum switch, and give it as confirm",
+)
 
 
 @dataclass(frozen=True)
@@ -163,9 +168,11 @@ def _result(
     by_marker = found.found.by_marker
     by = "its edges" if by_marker is None else "the edges of its marker"
     last, taken = outcome.states[-1], present(data.look, "look")
-    verdict: Verdict = "pass" if last is _wanted(config) and not outcome.reasons else "fail"
+    warnings = [] if outcome.confirmed in (None, True) else [_UNCONFIRMED]
+    good: Verdict = "warn" if warnings else "pass"
     return SlotResult(
-        verdict=verdict,
+        verdict=good if last is _wanted(config) and not outcome.reasons else "fail",
+        warnings=warnings,
         reasons=list(outcome.reasons),
         result=SlotAnswer(
             action=config.action,

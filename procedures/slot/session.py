@@ -348,7 +348,11 @@ class InsertionRun:
 
     def _document(self) -> dict[str, Any]:
         outcome = InsertionOutcome(
-            states=self.part, travel_m=self.travel_m, force_n=self.force_n, reasons=self.reasons
+            states=self.part,
+            travel_m=self.travel_m,
+            force_n=self.force_n,
+            reasons=self.reasons,
+            confirmed=self.run.grips_confirmed(),
         )
         return self.data.model_copy(update={"outcome": outcome}).model_dump(mode="json", by_alias=True)
 

@@ -1,6 +1,6 @@
 """The cell of the scenario ``slot`` on the object face: a calibrated camera, a gripper and a rack."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,12 @@ BUDGET = [
 ]
 
 
-def config(folder: Path, *, scenario: str = "slot", **job: Any) -> CellConfig:
+def config(
+    folder: Path, *, scenario: str = "slot", gripper_keys: Mapping[str, Any] | None = None, **job: Any
+) -> CellConfig:
     """The scenario's own, in haste."""
     hasty = {"look": {"frames": 1, "settle_s": 0.1}, "insertion": {"speed_m_s": 0.05}, "slot": 1}
-    return write_config(folder, scenario, jobs={SLOT: {**hasty, **job}})
+    return write_config(folder, scenario, jobs={SLOT: {**hasty, **job}}, gripper_keys=gripper_keys)
 
 
 def scenario_with(folder: Path, old: str, new: str) -> str:

@@ -125,6 +125,21 @@ def test_without_errors_of_arm_and_lens_the_travel_of_a_part_is_that_of_the_slot
     run_of(config(tmp_path, scenario="slot:ideal"), look)
 
 
+@pytest.mark.parametrize("away_m", [0.0, 0.2])
+def test_a_gripper_that_nothing_confirms_may_have_moved_no_part(tmp_path: Path, away_m: float) -> None:
+    part = "T_base_part = [-0.6, 0.15, 0.1"
+    scenario = scenario_with(tmp_path, part, part.replace("0.15", f"{0.15 + away_m}"))
+    setting = config(tmp_path, scenario=scenario, gripper_keys={"counts_after_s": 0.5})
+
+    def look(ran: Ran) -> None:
+        assert ran.result is not None
+        assert ran.result["verdict"] == ("warn" if away_m == 0.0 else "fail")
+        assert [row["code"] for row in ran.result["warnings"]] == ["slot.unconfirmed"]
+        assert (ran.in_slot(1) is None) == (away_m > 0.0)
+
+    run_of(setting, look)
+
+
 def test_a_part_is_replaced_by_another(tmp_path: Path) -> None:
     def look(ran: Ran) -> None:
         assert ran.result is not None
