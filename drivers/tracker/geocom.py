@@ -233,7 +233,7 @@ class GeocomTracker(SampledDevice):
 
     async def _poll_on(self, station: Station) -> None:
         while self._life.good:
-            await self._clock.sleep(self._config.poll_period_s)
+            await self._until_poll()
             if self._turn.locked():
                 continue
             async with self._turn:
@@ -243,6 +243,9 @@ class GeocomTracker(SampledDevice):
                     if not self._life.good:
                         return
                     self._tell(str(exc))
+
+    async def _until_poll(self) -> None:
+        await self._clock.sleep(self._config.poll_period_s)
 
     async def _poll(self, station: Station) -> None:
         locked = await station.is_locked()

@@ -1,12 +1,16 @@
 """How each protocol is cut into messages, and which of them answer which: what a player matches by."""
 
 import json
+import re
 import shutil
 import struct
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from cell.wire_recording.reader import Connection
+from fakes.wire.crc import crc16
 
 Message = bytes
 
@@ -66,7 +70,8 @@ class Dialect:
 
     ``length`` cuts what a driver says, ``heard`` what it hears. ``asks`` and ``answers`` give the number of a
     question or an answer, None for what is neither; ``key`` is what makes two questions the same one, asked
-    again; ``answering`` is the answer with another number.
+    again; ``answering`` is the answer with another number; ``reads`` tells keys of what is asked again and
+    again, as the answer says what was true then.
     """
 
     length: Callable[[bytes], int | None]
@@ -75,6 +80,7 @@ class Dialect:
     answers: Callable[[Message], Hashable | None]
     key: Callable[[Message], Hashable]
     answering: Callable[[Message, Message], Message]
+    reads: Callable[[Hashable], bool] = lambda key: False
 
 
 def _motion(message: Message) -> dict[str, Any]:
@@ -142,9 +148,55 @@ _RTU = Dialect(
 )
 
 
-def dialect_of(protocol: str, peer: str) -> Dialect | None:
+_QUESTION = re.compile(rb"%R1Q,(\d+),(\d+)(?:,\d+)?:(.*?)\s*", re.DOTALL)
+_ANSWER = re.compile(rb"%R1P,(\d+),(\d+)(,\d+)?(:.*?)\s*", re.DOTALL)
+_READS = (b"2082", b"2107", b"2108", b"2167", b"6021")  # points, angles, lock
+
+
+def _geocom_asks(message: Message) -> bytes | None:
+    found = _QUESTION.fullmatch(message)
+    return found[2] if found else None
+
+
+def _geocom_answers(message: Message) -> bytes | None:
+    """A request that the instrument could not read is answered with number 0: that comes at its time."""
+    found = _ANSWER.fullmatch(message)
+    return found[2] if found and int(found[2]) else None
+
+
+def _geocom_key(message: Message) -> Hashable:
+    """The procedure, with what is asked of it; but without places, which may differ by rounding."""
+    found = _QUESTION.fullmatch(message)
+    return found and (found[1], b"" if b"." in found[3] else found[3])
+
+
+def _geocom_answering(answer: Message, question: Message) -> Message:
+    said, number = _ANSWER.fullmatch(answer), _geocom_asks(question)
+    if said is None or number is None:
+        return answer
+    head = b"%%R1P,%b,%b" % (said[1], number)
+    check = b",%d" % crc16(head + said[4], 0) if said[3] else b""
+    return head + check + said[4] + b"\r\n"
+
+
+# Polls of a driver come between what a job asks: in a replay perhaps one more or less of them.
+_GEOCOM = Dialect(
+    length=up_to(b"\n", b"\r"),
+    heard=up_to(b"\n"),
+    asks=_geocom_asks,
+    answers=_geocom_answers,
+    key=_geocom_key,
+    answering=_geocom_answering,
+    reads=lambda key: isinstance(key, tuple) and key[0] in _READS,
+)
+
+
+def dialect_of(connection: Connection) -> Dialect | None:
     """How questions and answers of a connection belong together; None: they come in turn."""
-    return _RTU if protocol == "modbus" and peer.startswith("rtu:") else BY_NUMBER.get(protocol)
+    protocol = connection.protocol
+    if protocol == "tracker" and any(r.sent and b"%R1Q," in r.data for r in connection.records):
+        return _GEOCOM
+    return _RTU if protocol == "modbus" and connection.peer.startswith("rtu:") else BY_NUMBER.get(protocol)
 
 
 BY_NUMBER: dict[str, Dialect] = {

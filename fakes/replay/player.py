@@ -12,8 +12,9 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 from cell.clock import Clock
 from cell.errors import error
@@ -90,13 +91,21 @@ class InTurn:
         self._go_on()
 
 
+class _Answer(NamedTuple):
+    """What was said at ``t``, s, to what was asked at ``asked``."""
+
+    asked: float
+    t: float
+    message: bytes
+
+
 class ByNumber:
     """A connection whose answers name their question."""
 
     def __init__(self, connection: Connection, dialect: Dialect, write: Write, schedule: _Schedule) -> None:
         self._dialect, self._write, self._schedule = dialect, write, schedule
         self._heard = Cutter(self._dialect.length)
-        self._answers: dict[Hashable, deque[tuple[float, bytes]]] = defaultdict(deque)
+        self._answers: dict[Hashable, deque[_Answer]] = defaultdict(deque)
         self._by_itself: list[tuple[float, bytes]] = []
         self.asked: deque[float] = deque()  # when the questions were asked
         self._begun = False
@@ -112,23 +121,37 @@ class ByNumber:
             for t, message in self._by_itself:
                 self._schedule.at(t, lambda message=message: self._write(message))  # type: ignore[misc]
         for question in self._heard.feed(data):
-            waiting = self._answers.get(self._dialect.key(question)) if self._asks(question) else None
+            waiting = self._waiting(question)
             if waiting:
-                t, answer = waiting.popleft()
-                reply = self._dialect.answering(answer, question)
-                self._schedule.at(t, lambda reply=reply: self._write(reply))  # type: ignore[misc]
+                answer = waiting.popleft()
+                reply = self._dialect.answering(answer.message, question)
+                self._schedule.at(answer.t, lambda reply=reply: self._write(reply))  # type: ignore[misc]
 
-    def _asks(self, message: bytes) -> bool:
-        return self._dialect.asks(message) is not None
+    def next_asked(self, question: bytes, after: float = -inf) -> float | None:
+        """When the question was asked whose answer is the next one to this one, s; the first later than
+        ``after``."""
+        return next((answer.asked for answer in self._waiting(question) if answer.asked > after), None)
+
+    def _waiting(self, question: bytes) -> deque[_Answer]:
+        """The answers to it that are left. What is read tells what is true now: an answer that nobody asked
+        for in its time is left out, or each that is asked later would be older by so much."""
+        dialect = self._dialect
+        if dialect.asks(question) is None:
+            return deque()
+        key = dialect.key(question)
+        waiting = self._answers.get(key, deque())
+        while len(waiting) > 1 and dialect.reads(key) and self._schedule.due(waiting[1].asked):
+            waiting.popleft()
+        return waiting
 
     def _sort(self, connection: Connection) -> None:
-        dialect, keys = self._dialect, dict[Hashable, Hashable]()
+        dialect, keys = self._dialect, dict[Hashable, tuple[Hashable, float]]()
         said, heard = Cutter(dialect.length), Cutter(dialect.heard)
         for record in connection.records:
             if record.sent:
                 for message in said.feed(record.data):
                     if (number := dialect.asks(message)) is not None:
-                        keys[number] = dialect.key(message)
+                        keys[number] = dialect.key(message), record.t
                         self.asked.append(record.t)
                 continue
             for message in heard.feed(record.data):
@@ -136,7 +159,8 @@ class ByNumber:
                 if answered is None:
                     self._by_itself.append((record.t, message))
                 elif answered in keys:
-                    self._answers[keys.pop(answered)].append((record.t, message))
+                    key, asked = keys.pop(answered)
+                    self._answers[key].append(_Answer(asked, record.t, message))
 
 
 Playback = InTurn | ByNumber
@@ -196,7 +220,7 @@ class WirePlayer:
         if not waiting:
             return None
         connection = waiting.popleft()
-        dialect = dialect_of(connection.protocol, connection.peer)
+        dialect = dialect_of(connection)
 
         def write(data: bytes) -> None:
             with suppress(OSError):
@@ -227,8 +251,17 @@ class WirePlayer:
 
     def asked(self, protocol: str) -> deque[float]:
         """When the questions of the newest connection of ``protocol`` were asked."""
+        newest = self._newest(protocol)
+        return deque() if newest is None else newest.asked
+
+    def next_asked(self, protocol: str, question: bytes, after: float = -inf) -> float | None:
+        """``ByNumber.next_asked`` of the newest connection of ``protocol``."""
+        newest = self._newest(protocol)
+        return None if newest is None else newest.next_asked(question, after)
+
+    def _newest(self, protocol: str) -> ByNumber | None:
         found = [p for c, p in self.playing if c.protocol == protocol and isinstance(p, ByNumber)]
-        return found[-1].asked if found else deque()
+        return found[-1] if found else None
 
 
 class _Stand(asyncio.Protocol):

@@ -63,6 +63,16 @@ def test_picking_from_a_belt_replays_to_the_same_items_and_contacts(tmp_path: Pa
     assert subject.common > 0.98 * max(subject.steps)
 
 
+def test_targets_of_an_arm_that_is_read_replay_to_the_same_arrivals(tmp_path: Path) -> None:
+    """What the job asks the tracker comes between the polls of the driver, as it did."""
+    session, again = once_and_again(
+        "corrected-targets", tmp_path, targets="[[1.7, 0.4, 0.6, 0.3], [1.5, -0.7, 0.9, -0.8]]"
+    )
+    figures, unequal, most, where = compared(session.results[0], again.results[0])
+    assert figures > 90
+    assert most < 1e-6, f"{where}, and {unequal} figures in all"
+
+
 @pytest.mark.soak
 def test_crossed_beams_replay_to_the_same_tool_point(tmp_path: Path) -> None:
     """Where the search halves a height, a reading at the edge of its window may change a step by microns."""

@@ -42,6 +42,7 @@ from fakes.world.toml_text import to_toml
 from procedures.registry import JOBS
 from tests.kit.object_cell import on_disk
 from tests.kit.stream_instants import RecordedClock, first_counts, steps_of
+from tests.kit.tracker_instants import asked_as_recorded
 from tests.kit.wire_cell import WireCell, pause, wire_cell
 
 WHO = "test"
@@ -179,7 +180,11 @@ async def _play(session: Session, recording: WireRecording, config: CellConfig, 
     runs.mkdir(exist_ok=True)
     ledger = on_disk(Ledger, state / "ledger.sqlite")
     async with WirePlayer(recording, clock) as player:
-        with _stand_ins(player, clock), clock.pacing():
+        with ExitStack() as stack:
+            stack.enter_context(_stand_ins(player, clock))
+            stack.enter_context(clock.pacing())
+            if recording.of("tracker"):
+                stack.enter_context(asked_as_recorded(player, clock, session.state))
             supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
             worker = RecordedPace(clock, session, recording)
             context = CellContext(config, clock, worker, supervisor, MotionBroker(clock), ledger)

@@ -13,6 +13,7 @@ import pytest
 from cell.errors import CellError
 from cell.wire_recording.reader import Connection, Record, WireRecording
 from drivers.oak.protocol import pack
+from drivers.tracker.geocom_text import crc16, parse_reply, request
 from drivers.ur import rtde
 from drivers.ur.dashboard import Dashboard
 from drivers.ur.framing import encode
@@ -86,26 +87,77 @@ def test_an_answer_by_number_goes_to_the_same_question_with_another_number() -> 
         *((0.2, True, modbus(8, second)), (0.3, False, modbus(8, b"\x01\x02\x01\x01"))),
     )
 
-    async def work(player: WirePlayer, clock: VirtualClock) -> list[bytes]:
-        ours, theirs = socket.socketpair()
-        ours.setblocking(False)
-        await player.pipe(theirs, "modbus", "child")
-        loop, found = asyncio.get_running_loop(), []
-        for request in (modbus(1, second), modbus(2, first)):
-            await loop.sock_sendall(ours, request)
-            found.append(await loop.sock_recv(ours, 100))
-        ours.close()
-        return found
+    found = heard(connection, (0.0, modbus(1, second)), (0.0, modbus(2, first)))
+    assert [answer for _, answer in found] == [
+        modbus(1, b"\x01\x02\x01\x01"),
+        modbus(2, b"\x01\x04\x02\x00\x2a"),
+    ]
+
+
+def station(number: int, said: str) -> bytes:
+    return f"%R1P,0,{number}:0,{said}\r\n".encode()
+
+
+STATION = recorded(
+    "tracker",
+    "child",
+    *((0.0, True, b"\n%R1Q,6021,1:\r\n"), (0.1, False, station(1, "0"))),
+    *((1.0, True, b"%R1Q,2024,2:0.0\r\n"), (1.1, False, station(2, "7"))),
+    *((2.0, True, b"%R1Q,6021,3:\r\n"), (2.1, False, station(3, "1"))),
+    *((3.0, True, b"%R1Q,6021,4:\r\n"), (3.1, False, station(4, "2"))),
+)
+
+
+def heard(connection: Connection, *questions: tuple[float, bytes]) -> list[tuple[float, bytes]]:
+    """What comes to questions that are asked at these times, and when, s after the beginning."""
 
     class Pipe(WirePlayer):
         async def __aenter__(self) -> "Pipe":
             return self
 
-    async def run() -> list[bytes]:
-        async with Pipe(WireRecording([connection], []), VirtualClock(BEGIN)) as player:
-            return await work(player, VirtualClock(BEGIN))
+    async def run() -> list[tuple[float, bytes]]:
+        clock, found = VirtualClock(BEGIN), list[tuple[float, bytes]]()
+        async with Pipe(WireRecording([connection], []), clock) as player:
+            ours, theirs = socket.socketpair()
+            ours.setblocking(False)
+            await player.pipe(theirs, connection.protocol, connection.peer)
+            loop = asyncio.get_running_loop()
+            for t, question in questions:
+                await clock.sleep(max(BEGIN + t - clock.now(), 0.0))
+                await loop.sock_sendall(ours, question)
+                answer = await loop.sock_recv(ours, 100)
+                found.append((clock.now() - BEGIN, answer))
+            ours.close()
+        return found
 
-    assert run_virtual(run(), 10.0) == [modbus(1, b"\x01\x02\x01\x01"), modbus(2, b"\x01\x04\x02\x00\x2a")]
+    return run_virtual(run(), 60.0)
+
+
+def test_a_station_answers_the_question_that_is_asked_and_not_the_one_that_came_next() -> None:
+    """A job asks a little earlier than it did, and the poll before it is left out."""
+    found = heard(STATION, (0.5, b"%R1Q,2024,1:0.0000001\r\n"), (1.5, b"%R1Q,6021,2:\r\n"))
+    assert [answer for _, answer in found] == [station(1, "7"), station(2, "0")]
+    assert [t for t, _ in found] == pytest.approx([1.1, 1.5], abs=1e-6)
+
+
+def test_what_a_station_told_while_nobody_asked_is_not_told_later() -> None:
+    found = heard(STATION, (2.5, b"%R1Q,6021,1:\r\n"), (3.0, b"%R1Q,6021,2:\r\n"))
+    assert [answer for _, answer in found] == [station(1, "1"), station(2, "2")]
+    assert [t for t, _ in found] == pytest.approx([2.5, 3.1], abs=1e-6)
+
+
+def test_a_stations_answer_with_another_number_has_another_check_sum() -> None:
+    def checked(kind: str, numbers: str, rest: str) -> bytes:
+        return f"%R1{kind},{numbers},{crc16(f'%R1{kind},{numbers}{rest}'.encode())}{rest}\r\n".encode()
+
+    one = recorded(
+        "tracker",
+        "child",
+        (0.0, True, checked("Q", "6021,9", ":")),
+        (0.1, False, checked("P", "0,9", ":0,1")),
+    )
+    ((_, answer),) = heard(one, (0.0, request(6021, 4, checksum=True)))
+    assert parse_reply(answer.strip(), checksum=True).transaction == 4
 
 
 def test_streams_are_cut_where_the_drivers_own_messages_end() -> None:
