@@ -38,6 +38,7 @@ BY_HAND = "point over a corner"
 SIGMAS = 3.0  # of the height, within which nothing may be met
 _LINE = 0.05  # of the corners' spread: one that is narrower is a line
 _RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
+_SAME_DIGITS = 9  # of m: causes that are no further apart than a nanometre are told by their names' order
 _NOT_TOLD = (
     "which of tool, camera and arm is off: 'cellward cross-check --touch' judges it with two captures",
     "what tool, camera and arm are off by elsewhere: the test is at one board",
@@ -202,7 +203,7 @@ def _result(
             cov=cov.tolist(),
             shift_95_m=shift_95,
             turn_95_rad=turn_95,
-            by_source=sorted(causes, key=lambda cause: -cause.sigma_m),
+            by_source=sorted(causes, key=lambda cause: (-round(cause.sigma_m, _SAME_DIGITS), cause.source)),
         ),
         residuals=residuals,
         observability=TouchObservability(undetermined=list(_NOT_TOLD)),

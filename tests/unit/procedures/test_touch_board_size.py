@@ -85,6 +85,14 @@ def test_a_print_of_unknown_size_is_in_the_uncertainty(tmp_path: Path) -> None:
     assert found["uncertainty"]["by_source"][0]["source"] == "board"
 
 
+def test_causes_that_are_as_large_as_each_other_are_always_told_in_the_same_order(tmp_path: Path) -> None:
+    """The tool's point and the hand are known to 0.1 mm each, and rounding would tell which comes first."""
+    for tenths in range(300, 310):
+        found = judged(tmp_path, {**BOARD, "square_m": tenths * 1e-4}).as_json()
+        causes = [cause["source"] for cause in found["uncertainty"]["by_source"]]
+        assert causes.index("point over a corner") + 1 == causes.index("tool"), tenths
+
+
 def test_a_print_that_was_measured_and_is_small_all_the_same_is_called_off(tmp_path: Path) -> None:
     sure = {**BOARD, "scale_sigma": 1e-4}
     found = judged(tmp_path, sure)
