@@ -135,10 +135,12 @@ def stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
         "lens": answer.get("lens") or answer.get("intrinsics"),
         "target": inputs.get("target"),
         "camera_version": inputs.get("camera_version"),
+        "camera_calibration": inputs.get("camera_calibration"),
         "camera_sigma_s": spread.get("camera_sigma_s"),
     }
     of_poses = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
-    keys = (*of_poses, "m_per_count_95", "dir_95_rad", "camera_version", "camera_sigma_s")
+    of_encoder = ("camera_calibration", "camera_version", "camera_sigma_s")
+    keys = (*of_poses, "m_per_count_95", "dir_95_rad", *of_encoder)
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 
@@ -181,8 +183,9 @@ def _with_camera_in_it(
         return offsets
     encoder, camera = (time_offset(roles[role]) for role in ("belt", "fixed_camera"))
     stated = effect.uncertainty.get(encoder, {})
-    if "sigma" in offsets["belt"] and (version := stated.get("camera_version")) is not None:
-        same = version == effect.versions.get(camera)
+    by = stated.get("camera_calibration"), stated.get("camera_version")
+    if "sigma" in offsets["belt"] and None not in by:
+        same = by == (camera, effect.versions.get(camera))  # versions count by name
         offsets["belt"]["camera_sigma"] = float(stated.get("camera_sigma_s", 0.0)) if same else 0.0
     return offsets
 

@@ -71,6 +71,7 @@ class DelayedEncoder:
             "T_base_camera": to_pose6(self.camera_to_belt.T_base_camera).tolist(),
             "camera": None if self._told is None else self.camera_to_belt.camera(self._told),
             "configured": self._belt,
+            "camera_calibration": time_offset(self.camera.name),
             "camera_version": self.run.values.versions.get(time_offset(self.camera.name)),
             "camera_sigma_s": self.run.values.time_offset_s[CAMERA].get("sigma", 0.0),
             "encoder": self.counts,

@@ -67,6 +67,11 @@ class LatencyInputs(Inputs):
         default=None,
         description="Version of the camera's delay by which a belt was seen; null where none was in effect.",
     )
+    camera_calibration: str | None = Field(
+        default=None,
+        description="Name in the ledger of which camera_version is one, time_offset_s.DEVICE; without it, in "
+        "results of before, nobody knows whose delay that was.",
+    )
     source: str = Field(description="Device.")
 
 

@@ -50,6 +50,7 @@ def solve_latency(path: Path) -> LatencyResult | Result:
         passes=len(data.get("passes", ())),
         source=data["source"],
         camera_version=data.get("camera_version"),
+        camera_calibration=data.get("camera_calibration"),
     )
     began = time.perf_counter()
     try:

@@ -35,6 +35,7 @@ __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
 JOB = "latency-calibration"
+OTHER = "time_offset_s.exchanged"
 CAMERA_S, ENCODER_S = 0.015, 0.008
 QUICK = {"speeds_m_s": [0.1, 0.25], "passes": 2, "way_m": 0.15, "settle_s": 0.1, "accept": {"auto": True}}
 BELT = {"source": "belt", "changes": 8, "sightings": 60, "accept": {"auto": True}}
@@ -57,7 +58,11 @@ def late_cell(folder: Path, profile: str = STOPS, arm_s: float = 0.0, **job: Any
 
 def known(cell: ObjectCell, device: str, offset_s: float) -> None:
     """Committed as if a run had found it, to 0.1 ms."""
-    result = {"verdict": "pass", "result": {"interval95_s": [offset_s - 1e-4, offset_s + 1e-4]}}
+    found = {"interval95_s": [offset_s - 1e-4, offset_s + 1e-4]}
+    committed(cell, device, offset_s, {"verdict": "pass", "result": found})
+
+
+def committed(cell: ObjectCell, device: str, offset_s: float, result: dict[str, Any]) -> None:
     on_disk(cell.ledger.accept, cell.ledger.propose(time_offset(device), offset_s, result, 0, 0.0), WHO)
 
 
@@ -119,6 +124,14 @@ def test_an_encoder_is_late_against_a_camera_whose_delay_is_known(tmp_path: Path
             assert result["uncertainty"]["sigma_s"] > result["uncertainty"]["camera_sigma_s"]
             assert (cell.plant.world.track.at(cell.clock.now())[0] == before).all()
             camera_sigma = result["uncertainty"]["camera_sigma_s"]
+            assert await in_the_encoder(cell) == camera_sigma
+            inputs = result["inputs"]
+            committed(cell, "belt", ENCODER_S, {**result, "inputs": {**inputs, "camera_calibration": OTHER}})
+            assert await in_the_encoder(cell) == 0.0, "version 1 of another camera, exchanged since"
+            unnamed = {key: value for key, value in inputs.items() if key != "camera_calibration"}
+            committed(cell, "belt", ENCODER_S, {**result, "inputs": unnamed})
+            assert await in_the_encoder(cell) is None, "a result of before, of which nobody knows"
+            committed(cell, "belt", ENCODER_S, result)
             assert await in_the_encoder(cell) == camera_sigma
             known(cell, "camera", CAMERA_S)  # once more, so that its error is another one
             assert await in_the_encoder(cell) == 0.0
