@@ -83,9 +83,13 @@ class Instant:
     def qd(self) -> list[float]:
         return _floats(self._qd)
 
+    def _cycle_before(self) -> float:
+        """When the state was true that the cycle before this one reports: late stamps make it older."""
+        return self.t - self.robot.reported.late_s - 1.0 / self.robot.rate
+
     @cached_property
     def qdd(self) -> list[float]:
-        before = self.robot.arm.track.at(self.t - 1.0 / self.robot.rate)[1]
+        before = self.robot.arm.track.at(self._cycle_before())[1]
         return _floats((self._qd - before) * self.robot.rate)
 
     @cached_property
@@ -104,7 +108,7 @@ class Instant:
     def tcp_acceleration(self) -> list[float]:
         """By difference over one control cycle, like :attr:`qdd`."""
         arm, step = self.robot.arm, 1.0 / self.robot.rate
-        before = arm.tcp_speed(*arm.track.at(self.t - step))
+        before = arm.tcp_speed(*arm.track.at(self._cycle_before()))
         return _floats((np.array(self.tcp_speed) - before) / step)
 
     @cached_property
@@ -116,7 +120,7 @@ class Instant:
     def elbow_velocity(self) -> list[float]:
         """By difference over one control cycle, like :attr:`qdd`."""
         arm, step = self.robot.arm, 1.0 / self.robot.rate
-        before = arm.elbow(arm.track.at(self.t - step)[0])
+        before = arm.elbow(arm.track.at(self._cycle_before())[0])
         return _floats((np.array(self.elbow_position) - before) / step)
 
     @cached_property

@@ -99,6 +99,8 @@ class Gripper:
         """Let happen what was due until ``t``."""
         while self._due and self._due[0][0] <= t:
             at, close = self._due.pop(0)
+            if close and self._held and self._held[-1][1] is not None:
+                continue  # they turned back before they had let it go
             if not close and (held := self._let_go(at)) is not None:
                 x, y, z = self._tool(at)
                 self.put_down.append(PutDown(held, at, (float(x), float(y), float(z))))

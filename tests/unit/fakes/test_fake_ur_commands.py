@@ -9,6 +9,8 @@ from scipy.spatial.transform import RigidTransform
 from cell.poses import Array
 from fakes.ur.control_script import REALTIME
 from fakes.ur.runtime import RuntimeState
+from fakes.world.arm.reported import Reported
+from fakes.world.arm.truth import ReportedTruth
 from tests.kit.fake_ur_stepped import CYCLE, HOME, Stepped
 
 NEWEST = (5, 26, 0, 1)
@@ -292,6 +294,22 @@ def test_the_elbow_is_an_upper_arm_away_from_the_shoulder_and_moves_with_it(subj
         np.testing.assert_allclose(elbow, expected, atol=1e-9)
         speed = np.linalg.norm(now.elbow_velocity)
         assert speed == pytest.approx(abs(now.qd[1]) * upper_arm_m, rel=1e-3)
+
+
+@pytest.mark.parametrize("late_s", [0.002, 0.0013])
+def test_what_a_late_state_has_by_difference_is_of_its_own_time(subject: Stepped, late_s: float) -> None:
+    def changes(t: float) -> list[list[float]]:
+        now = subject.robot.instant(t)
+        return [now.qdd, now.tcp_acceleration, now.elbow_velocity]
+
+    subject.vector(np.array([0.0, -0.5, 0.3, 0.0, 0.0, 0.0]))
+    subject.register(d6=10.0, d7=0.05, i0=9)
+    subject.run(0.02)  # it still gains speed
+    expected = changes(subject.t - late_s)
+    assert all(np.linalg.norm(one) > 1e-3 for one in expected)
+    subject.robot.reported = Reported(ReportedTruth(stamp_late_s=late_s), 0)
+    for told, own in zip(changes(subject.t), expected, strict=True):
+        np.testing.assert_allclose(told, own, rtol=1e-6, atol=1e-9)
 
 
 def force_mode(

@@ -147,6 +147,18 @@ def test_fingers_that_are_told_to_open_on_their_way_do_not_close(items: Items) -
     assert items.taken() == {}
 
 
+def test_fingers_that_are_told_to_close_on_their_way_keep_what_they_hold(items: Items) -> None:
+    gripper = closed_on(items, Tool(items, 1, np.zeros(3)))
+    gripper.command(4.5, False)
+    gripper.command(4.52, True)
+    assert gripper.holds(5.0) == 1
+    assert [contact.item for contact in gripper.contacts] == [1]
+    assert gripper.put_down == []
+    gripper.command(5.1, False)
+    assert gripper.holds(5.2) is None
+    assert [down.item for down in gripper.put_down] == [1]
+
+
 def test_what_is_held_can_be_taken_out_of_fingers_that_stay_closed(items: Items) -> None:
     gripper = closed_on(items, Tool(items, 1, np.zeros(3)))
     assert gripper.empty(3.98) is None
