@@ -2,7 +2,8 @@
 
 ``python -m bench.told_faults [--virtual] [--bind 127.0.0.74] [WORD]...``: a row a fault. ``check`` is the
 finding of ``cellward check`` that tells of it, with the sections that real devices would have; the rows on
-the wire ask ``cellward check --probe``. ``end`` is the job's end, its error, or what its result warns of.
+the wire ask ``cellward check --probe``. ``end`` is the job's end, its error, or what its result warns of. A
+small delay that nothing finds is counted in what every run states of its contacts (``contact_95_m``).
 ``truth`` is how many items it says that it has picked, how many the gripper truly took, and how far the tool
 truly was beside them; a job that ended by an error has no result. Wanted is the right finding or error of
 each row, and never a wrong result without a word. The rows on the wire (two senders with one identifier exist
@@ -32,7 +33,8 @@ def shown(row: Row, told: Told, seconds: float) -> list[str]:
     end = told.outcome + (f", {told.code}" if told.code else "")
     if warned := [code for code in told.warned if code == row.wanted.warning]:
         end += f", warns {', '.join(warned)}"
-    finding = row.wanted.finding(told) or ("-" if row.wanted.check is None else "NOTHING")
+    none = "nothing: counted in contact_95_m" if row.wanted.counted else "-"
+    finding = row.wanted.finding(told) or (none if row.wanted.check is None else "NOTHING")
     parts = (("check", finding), ("end", end), ("truth", told.truth))
     lines = [f"{row.fault} ({row.where}): {'as wanted' if good else 'NOT AS WANTED'}   ({seconds:.0f} s)"]
     for name, text in parts:

@@ -65,14 +65,7 @@ def stated_run(
 
     async def scene() -> None:
         async with open_cell(config, None, JOB) as cell:
-            _calibrated(cell, camera_off)
-            belt = config.robot.belt_nominal
-            assert belt is not None
-            nominal = {"m_per_count": belt.scale, "dir": belt.dir}
-            m, way = belt.scale * (1.0 + scale), _turned(belt.dir, turn)
-            half = _SIGMAS95 * SCALE * m
-            stated = {"m_per_count_95": [m - half, m + half], "dir_95_rad": _SIGMAS95 * TURN_RAD}
-            _accept(cell, belt_scale("belt"), {"m_per_count": m, "dir": way}, stated, nominal)
+            calibrate(cell, camera_off, scale, turn)
             half = _SIGMAS95 * DELAY_S
             if measured:
                 _accept(cell, time_offset("camera"), 0.0, {"interval95_s": [-half, half]}, 0.0)
@@ -101,7 +94,19 @@ def _usual(rng: np.random.Generator) -> dict[str, str]:
     return {"stamp_late_s": str(camera), "late_s": str(encoder), **of_arm}
 
 
-def _calibrated(cell: ObjectCell, off: Array) -> None:
+def calibrate(cell: ObjectCell, camera_off: Array, scale: float = 0.0, turn_rad: float = 0.0) -> None:
+    """Calibrate camera and belt so that they are off by ``camera_off`` (6,), ``scale`` and ``turn_rad``."""
+    _calibrate_camera(cell, camera_off)
+    belt = cell.config.robot.belt_nominal
+    assert belt is not None
+    nominal = {"m_per_count": belt.scale, "dir": belt.dir}
+    m, way = belt.scale * (1.0 + scale), _turned(belt.dir, turn_rad)
+    half = _SIGMAS95 * SCALE * m
+    stated = {"m_per_count_95": [m - half, m + half], "dir_95_rad": _SIGMAS95 * TURN_RAD}
+    _accept(cell, belt_scale("belt"), {"m_per_count": m, "dir": way}, stated, nominal)
+
+
+def _calibrate_camera(cell: ObjectCell, off: Array) -> None:
     drawn, truth = cell.config.robot.T_base_camera_nominal, cell.plant.world.truth()["T_base_camera"]
     pose = to_pose6(from_pose6(truth) * RigidTransform.from_matrix(se3.exp(off))).tolist()
     known = {"lens": asdict(cell.plant.world.intrinsics), "cov": CAMERA_COV, "budget": []}

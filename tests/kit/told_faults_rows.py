@@ -95,14 +95,14 @@ ROWS: tuple[Row, ...] = (
     Row(
         "stamps 3.4 ms late, the belt stops and starts",
         "encoder",
-        Wanted(warning="belt.delays"),
+        Wanted(counted=True),
         partial(picking, job={"standing_s": 3.0}, world={"late_s": "0.0034", "profile": STOPS}),
         long=True,
     ),
     Row(
         "stamps 2 ms late",
         "arm",
-        Wanted(warning="belt.delays"),
+        Wanted(counted=True),
         partial(picking, world={"force_walk_n": "2.0\nstamp_late_s = 0.002"}),
         long=True,
     ),

@@ -80,7 +80,7 @@ def _probe(cell: WireCell) -> list[str]:
 
 
 def _follow(cell: WireCell, device: str, kind: str, arguments: dict[str, Any], probed: list[str]) -> Told:
-    """A run is struck while the tool goes with its second item or a later one, and all is put right."""
+    """The fault is injected while the tool goes with its second item or a later one, and all is put right."""
     told = Told()
     for _ in range(_ATTEMPTS):
         wait_for(cell.ready, "all devices", 30.0)
@@ -89,13 +89,13 @@ def _follow(cell: WireCell, device: str, kind: str, arguments: dict[str, Any], p
         try:
             wait_for(partial(_follows, cell, run_id), "a pick, and the tool with an item", 90.0)
             cell.inject(device, kind, **arguments)
-            struck = True
+            injected = True
         except AssertionError:
-            struck = False
+            injected = False
         end = cell.wait_for_end(60.0)
         told = _told(cell, run_id, end, _contacts(cell)[before:], probed)
         _put_right(cell, device)
-        if struck and told.code != "MOTION_WATCHDOG":
+        if injected and told.code != "MOTION_WATCHDOG":
             break
     return told
 
