@@ -432,7 +432,12 @@ class Encoder(Device, Protocol):
 
 
 class Gripper(Device, Protocol):
-    """Takes and lets go; whether it holds something is measured."""
+    """Takes and lets go; whether it holds something is measured, where ``confirms``."""
+
+    @property
+    def confirms(self) -> bool:
+        """Whether anything tells that something is held; without, an empty closing counts as a grip."""
+        ...
 
     async def grip(self, timeout: float) -> bool:
         """Close; True when something is held, by the confirm input, within ``timeout`` s."""

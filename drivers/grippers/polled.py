@@ -107,6 +107,11 @@ class PolledGripper(SampledDevice, Generic[State]):
 
     # -- Gripper
 
+    @property
+    @abstractmethod
+    def confirms(self) -> bool:
+        """Whether anything tells that something is held."""
+
     def holding(self, max_age: float) -> bool:
         """Whether something is held, from an answer at most ``max_age`` s old; else ``STALE_DATA``."""
         self._life.require()

@@ -69,6 +69,11 @@ class RobotiqGripper(PolledGripper[RobotiqState]):
         inward = config.closed > config.open
         self._stopped = Fingers.BLOCKED_CLOSING if inward else Fingers.BLOCKED_OPENING
 
+    @property
+    def confirms(self) -> bool:
+        """True: where its fingers stop tells."""
+        return True
+
     async def grip(self, timeout: float) -> bool:
         """Close; True when something stopped the fingers within ``timeout`` s.
 

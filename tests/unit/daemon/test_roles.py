@@ -1,15 +1,19 @@
 """A role that names a device of another kind: one finding with its line and a hint, and no start."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from cell.devices import Arm, DepthCamera, Device
+from cell.devices import Arm, DepthCamera, Device, Gripper
 from cell.errors import CellError
-from cell.kinds import as_kind
+from cell.kinds import as_kind, plays
+from cell.run_devices import RunDevices
+from cell.run_values import RunValues
 from daemon.config import ConfigInvalid, load_config
-from daemon.config.drivers import DRIVERS
+from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.roles import ROLES
+from fakes.object.gripper import ObjectGripper
 from tests.kit.cli_harness import CommandLine
 
 KIND_OF_ROLE = {
@@ -170,3 +174,26 @@ def test_a_device_is_given_as_the_kind_that_it_says_it_is_and_as_no_other() -> N
     assert as_kind(eye, DepthCamera) is eye
     with pytest.raises(CellError, match="'eye' is no Arm"):
         as_kind(eye, Arm)
+
+
+def test_every_gripper_has_what_its_protocol_asks() -> None:
+    asked = {name for name in vars(Gripper) if not name.startswith("_")}
+    assert asked == {"confirms", "grip", "release", "holding"}
+    grippers = [ObjectGripper, *(found for name in DRIVERS if plays(found := driver_class(name), Gripper))]
+    assert len(grippers) == 4
+    assert [found.__name__ for found in grippers if not asked <= set(dir(found))] == []
+
+
+class Fingers:
+    name = "fingers"
+    PLAYS = (Gripper,)
+
+
+def test_a_gripper_that_does_not_say_whether_anything_confirms_it_is_refused() -> None:
+    fingers: Any = Fingers()
+    subject = RunDevices(lambda role: fingers, RunValues({}))
+    with pytest.raises(CellError, match="'fingers' lacks 'confirms'") as caught:
+        subject.grips_confirmed()
+    assert caught.value.name == "INTERNAL"
+    fingers.confirms = False
+    assert subject.grips_confirmed() is False
