@@ -15,12 +15,9 @@ from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.contact_uncertainty import (
     BELT,
-    CALIBRATE,
     CAMERA,
     DELAYS,
-    LARGER_BELT,
     NO_CAMERA,
-    NOT_CALIBRATED,
     SIGHTINGS,
     ContactError,
     belt_sigmas,
@@ -82,13 +79,15 @@ class _Known:
         self._along, self._sightings = way / np.linalg.norm(way), job.min_sightings
         seen = _below_camera(setup, job)
         self._camera = None if seen is None else _camera(setup, job, seen)
-        of_belt = setup.stated(belt_scale(setup.roles[ENCODER_ROLE]))
-        self._belt = belt_sigmas(of_belt, belt)
+        name = belt_scale(setup.roles[ENCODER_ROLE])
+        in_effect = setup.committed(name) is not None
+        self._belt = belt_sigmas(setup.stated(name), belt, in_effect=in_effect)
         middle = 0.5 * (job.zone.min_m + job.zone.max_m)
         self._moved = None if seen is None else middle - float(seen[:2] @ self._along)
         delays = StampDelays({role: _delay(setup, role) for role in (CAMERA_ROLE, ENCODER_ROLE)})
         self._delays = delays
-        assumed = {} if self._belt.calibrated else {NOT_CALIBRATED: CALIBRATE}
+        of_belt = self._belt.assumption
+        assumed = {} if of_belt is None else {of_belt.words: of_belt.measured_by}
         if not delays.camera_measured:  # an even speed asks no count
             assumed[delays.assumed()[0]] = MEASURE.format(CAMERA_ROLE)
         self.assumed, self.measured_by = list(assumed), list(assumed.values())
@@ -96,7 +95,7 @@ class _Known:
         self.without = [
             *([NO_CAMERA] if self._camera is None else []),
             *([_NOT_SEEN] if seen is None else []),
-            *([] if self._belt.calibrated else [LARGER_BELT]),
+            *([] if of_belt is None else [of_belt.larger]),
             *([_SMEARED] if exposure is None else []),
             _NOT_YET,
         ]

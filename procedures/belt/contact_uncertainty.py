@@ -33,7 +33,10 @@ NOT_CALIBRATED = (
     f"{1e3 * TURN_RAD:g} mrad (root mean square)"
 )
 CALIBRATE = "`cellward start belt-calibration`"
-LARGER_BELT = "a belt that is further from its configured travel and direction than is assumed"
+WITHOUT_INTERVAL = (
+    f"the belt, which was calibrated without an interval, as off by {100 * SCALE_SHARE:g} % of the travel of "
+    f"one count and {1e3 * TURN_RAD:g} mrad of the direction (root mean square)"
+)
 _NEVER = (
     "how an item lies in the gripper and what the fingers do to it",
     "a belt that is not as high as belt_z_m says",
@@ -80,7 +83,7 @@ class ContactBudget:
     def __init__(self, values: RunValues, camera_to_belt: CameraToBelt) -> None:
         self._camera = camera_to_belt
         belt = next((name for name in values.versions if name.startswith("belt.")), "")
-        self._belt = belt_sigmas(values.uncertainty.get(belt, {}), values.belt)
+        self._belt = belt_sigmas(values.uncertainty.get(belt, {}), values.belt, in_effect=bool(belt))
         self.delays = StampDelays(values.time_offset_s)
         self._arm_m = arm_rms_m(values, CAMERA_POSE)
         self.camera_known = self.followed = True
@@ -115,7 +118,8 @@ class ContactBudget:
 
     def assumed(self) -> list[str]:
         """In words, what the figures have by an assumption, as it was not measured."""
-        return [*([] if self._belt.calibrated else [NOT_CALIBRATED]), *self.delays.assumed()]
+        of_belt = self._belt.assumption
+        return [*([] if of_belt is None else [of_belt.words]), *self.delays.assumed()]
 
     def not_covered(self) -> list[str]:
         """What the figures leave out, in words: for want of a measurement, or as nothing here sees it."""
@@ -124,8 +128,8 @@ class ContactBudget:
             out.append("the arm's own accuracy, which was not measured")
         if not self.camera_known:
             out.append(NO_CAMERA)
-        if not self._belt.calibrated:
-            out.append(LARGER_BELT)
+        if self._belt.assumption is not None:
+            out.append(self._belt.assumption.larger)
         if not self.followed:
             out.append("how the arm follows its set-points, which no grip has shown")
         if self.delays.assumed():
@@ -165,22 +169,45 @@ def _speed_at(forecast: TravelForecast, t: float) -> float:
     return forecast.speed(max(t, forecast.now))
 
 
+class BeltAssumption(NamedTuple):
+    """In words, what counts where nothing is stated of a belt, what of it is not covered, and what measures
+    it."""
+
+    words: str
+    larger: str
+    measured_by: str
+
+
+NOMINAL_BELT = BeltAssumption(
+    NOT_CALIBRATED,
+    "a belt that is further from its configured travel and direction than is assumed",
+    CALIBRATE,
+)
+UNSTATED_BELT = BeltAssumption(
+    WITHOUT_INTERVAL,
+    "a belt that is further from its calibrated travel and direction than is assumed",
+    f"another {CALIBRATE}",
+)
+
+
 class BeltSigmas(NamedTuple):
-    """Standard deviations of a belt's scale, as a share of it, and of its direction, rad."""
+    """Standard deviations of a belt's scale, as a share of it, and of its direction, rad; with the
+    ``assumption`` that they are by, None where they were stated."""
 
     scale: float
     turn: float
-    calibrated: bool
+    assumption: BeltAssumption | None
 
     def cov(self, along: Array, across: Array) -> Array:
         """(2, 2), m^2 for a way of one metre; ``along`` and ``across`` (2, 2) project onto these axes."""
         return np.asarray(self.scale**2 * along + self.turn**2 * across)
 
 
-def belt_sigmas(stated: Mapping[str, Any], belt: Mapping[str, Any] | None) -> BeltSigmas:
-    """Of ``belt``, from what its calibration has ``stated``; of one that is not calibrated the usual."""
+def belt_sigmas(stated: Mapping[str, Any], belt: Mapping[str, Any] | None, *, in_effect: bool) -> BeltSigmas:
+    """Of ``belt``, from what its calibration has ``stated``; where that is nothing the usual, of a version
+    ``in_effect`` as well."""
     interval, turn = stated.get("m_per_count_95"), stated.get("dir_95_rad")
     if interval is None or turn is None or belt is None:
-        return BeltSigmas(SCALE_SHARE, TURN_RAD, False)
+        return BeltSigmas(SCALE_SHARE, TURN_RAD, UNSTATED_BELT if in_effect else NOMINAL_BELT)
     half = 0.5 * abs(float(interval[1]) - float(interval[0]))
-    return BeltSigmas(half / abs(float(belt["m_per_count"])) / K95, float(turn) / K95, True)
+    return BeltSigmas(half / abs(float(belt["m_per_count"])) / K95, float(turn) / K95, None)

@@ -150,6 +150,12 @@ def test_check_counts_a_delay_that_was_not_measured_and_names_what_measures_it(t
     assert len(nominal["assumed"]) == 2
     assert "which `cellward start belt-calibration` measures" in nominal["text"]
     assert "belt-calibration" not in unknown["text"]
+    version = [{"name": "belt.belt", "state": "committed"}]
+    unstated = expected_contacts(replace(setup, calibrations=lambda: version), job)
+    assert "calibrated without an interval, as off by 0.5 %" in unstated["text"]
+    assert "which another `cellward start belt-calibration` measures" in unstated["text"]
+    assert "configured" not in unstated["text"]
+    assert unstated["contacts"] == nominal["contacts"]
 
 
 @pytest.mark.parametrize("known_s", [None, 0.001])

@@ -91,12 +91,22 @@ def test_a_delay_that_was_not_measured_widens_what_is_stated() -> None:
 
 def test_a_belt_that_nobody_calibrated_widens_what_is_stated() -> None:
     item = track()
-    nominal = budget({**CALIBRATED, "uncertainty": {}})
+    nominal = budget({**CALIBRATED, "versions": {}, "uncertainty": {}})
     way = V * (NOW + 0.1 - np.mean(SEEN_S))
     found = nominal.of(touch(item), np.zeros((3, 3)), None).parts["belt calibration"]
     assert np.sqrt(np.diag(found)) == pytest.approx([5e-3 * way, 5e-3 * way], rel=0.01)
     assert "0.5 % and the configured direction by 5 mrad" in nominal.assumed()[0]
     assert not any("direction" in told for told in budget(CALIBRATED).assumed())
+
+
+def test_a_belt_that_was_calibrated_without_an_interval_is_not_called_configured() -> None:
+    subject = budget({**CALIBRATED, "uncertainty": {}})
+    found = subject.of(touch(track()), np.zeros((3, 3)), None).parts["belt calibration"]
+    assert np.sqrt(found[0, 0] / found[1, 1]) == pytest.approx(1.0)
+    assert "calibrated without an interval, as off by 0.5 % of the travel" in subject.assumed()[0]
+    told = "; ".join([*subject.assumed(), *subject.not_covered()])
+    assert "further from its calibrated travel" in told
+    assert "configured" not in told
 
 
 def test_the_whole_is_larger_than_any_part_and_shares_add_up() -> None:
