@@ -22,10 +22,11 @@ class KnownLens:
 @dataclass(frozen=True)
 class KnownDelay:
     """How late the stamps of a device are against the arm's, as the cell has measured it: ``late_s``, with
-    the standard deviation ``sigma_s``."""
+    the standard deviation ``sigma_s``; ``name`` is that of its calibration."""
 
     late_s: float
     sigma_s: float
+    name: str = ""
 
 
 @dataclass(frozen=True)

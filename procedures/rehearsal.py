@@ -125,11 +125,12 @@ def measured_delay(setup: Setup, role: str) -> KnownDelay | None:
     """Of the stamps of the device with this role, by the version in effect."""
     if (device := setup.roles.get(role)) is None:
         return None
-    interval = _stated(setup, time_offset(device)).get("interval95_s")
+    name = time_offset(device)
+    interval = _stated(setup, name).get("interval95_s")
     if interval is None:
         return None
     low, high = interval
-    return KnownDelay(0.5 * (low + high), 0.5 * (high - low) / K95)
+    return KnownDelay(0.5 * (low + high), 0.5 * (high - low) / K95, name)
 
 
 def _stated(setup: Setup, name: str) -> Mapping[str, Any]:

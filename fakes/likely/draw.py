@@ -18,6 +18,9 @@ from fakes.world.scenario import SCHEMA, Scenario
 from fakes.world.toml_text import to_toml
 
 CLOCK = "fakes.object:VirtualClock"
+LATEST_S = 0.2  # by which the stamps of a twin's camera or encoder may be late or early
+_SIGMAS = 5.0  # that no draw is beyond
+_HALF95 = 1.96  # standard deviations
 _ARM_LATE, _CAMERA_LATE, _ENCODER_LATE = 0xA5, 0xA6, 0xA7  # beside the seed
 
 
@@ -25,7 +28,7 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     """TOML text of a scenario; the same ``seed`` draws the same cell.
 
     ``CONFIG_INVALID`` when what is known does not make a cell; ``ValueError`` when a beam or a board has no
-    room where the configuration wants it.
+    room where the configuration wants it, or when a measured delay is more than a twin's stamps can be late.
     """
     # One generator a part: what one part draws changes nothing of the others.
     rngs = dict(
@@ -73,4 +76,12 @@ def _measured(delay: KnownDelay, seed: int, of: int) -> float:
     Camera and encoder are drawn apart, although an encoder is measured by the camera: in that the twin is
     less kind than a cell, in which what is open of the camera is open of the encoder alike.
     """
+    if abs(delay.late_s) + _SIGMAS * delay.sigma_s + ARM_LATE_S[1] > LATEST_S:
+        late_ms, half_ms = 1e3 * delay.late_s, 1e3 * _HALF95 * delay.sigma_s
+        raise ValueError(
+            f"{delay.name} in effect is {late_ms:.1f} +- {half_ms:.1f} ms (95 %), and stamps of a twin are "
+            f"late by {1e3 * LATEST_S:g} ms at most, by which the arm is late included: look for what "
+            "makes that device so late and measure it anew, or take the version back "
+            f"('cellward rollback {delay.name}') to rehearse with a usual delay"
+        )
     return delay.late_s + delay.sigma_s * float(np.random.default_rng([seed, of]).standard_normal())

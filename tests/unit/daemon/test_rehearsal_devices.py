@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from cell.errors import error, present
+from cell.errors import CellError, error, present
 from cell.kinds import plays
 from cell.store.runs import list_runs
 from daemon.config import load_config
@@ -289,6 +289,25 @@ def test_a_delay_that_the_cell_has_measured_is_drawn_about_that_value_as_well_as
     sigmas = np.array([0.0005, 0.0008]) / 1.96
     np.testing.assert_allclose(np.mean(late, axis=0), [0.015, -0.002], atol=4 * sigmas.max() / np.sqrt(40))
     np.testing.assert_allclose(np.std(late, axis=0), sigmas, rtol=0.4)
+
+
+@pytest.mark.parametrize(
+    ("device", "late_s", "half_s"),
+    [("belt_camera", 0.25, 0.001), ("belt_camera", 0.1, 0.05), ("belt", -0.2, 0.0)],
+)
+def test_a_measured_delay_beyond_that_of_any_twin_is_refused_by_its_name(
+    device: str, late_s: float, half_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"time_offset_s.{device}"
+    found = {name: {"interval95_s": (late_s - half_s, late_s + half_s)}}
+    monkeypatch.setattr("daemon.predictions._stated_now", lambda _, name: found.get(name, {}))
+    path = whole_example(tmp_path)
+    with pytest.raises(CellError) as caught:
+        rehearsed_cell(load_config(path), path, "belt-calibration", 1, tmp_path)
+    told = str(caught.value)
+    assert f"{name} in effect is {1e3 * late_s:.1f} +- {1e3 * half_s:.1f} ms (95 %), and stamps of a" in told
+    assert f"'cellward rollback {name}'" in told
+    assert "likely cell" not in told
 
 
 @pytest.mark.parametrize("job", ["belt-calibration", "latency-calibration"])
