@@ -92,14 +92,18 @@ class Look:
         """Of the height that depth gives to a face of that size with its ``middle`` (3,) in the camera, m.
 
         It is the mean of a face above that of the belt beside it, which is about as large in the detector's
-        window. Neighbours share their noise, as in :mod:`fakes.frames.stereo`.
+        window. Neighbours share their noise, as in :mod:`fakes.frames.stereo`, and parts that do not share it
+        average; what rounding to steps does to the whole face does not.
         """
-        if self.camera.stereo is None:
+        if (stereo := self.camera.stereo) is None:
             return 0.0
         depth_m, (fx, fy) = float(middle[2]), self.camera.K[:2]
-        parts = size_m[0] * size_m[1] * fx * fy / (depth_m * SHARED_PX) ** 2
-        sigma = self.camera.stereo.depth_sigma_m(depth_m) * np.sqrt(2.0 / max(parts, 1.0))
-        return float(abs(normal @ middle) / depth_m * sigma)
+        parts = max(size_m[0] * size_m[1] * fx * fy / (depth_m * SHARED_PX) ** 2, 1.0)
+        # A slope of the face against the picture spreads its disparities, about as noise does.
+        slope = np.linalg.norm(normal[:2]) * np.hypot(size_m[0], size_m[1]) / np.sqrt(24.0)
+        common = stereo.common_step_m(depth_m, float(slope))
+        averages = stereo.depth_sigma_m(depth_m) ** 2 - common**2
+        return float(abs(normal @ middle) / depth_m * np.sqrt(2.0 * (common**2 + averages / parts)))
 
     def placed(self, point: Array, normal: Array) -> Array:
         """Where the sight through the pixel of ``point`` (3,), by the detector's lens, meets its level."""

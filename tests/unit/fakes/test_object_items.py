@@ -44,9 +44,13 @@ def test_the_further_off_the_middle_the_less_sure_is_an_item_by_stereo() -> None
     assert says.max() > 1.05 * says.min()
 
 
-@pytest.mark.parametrize(("coarse", "fine"), [({}, {"focal_px": 880.0}), ({"steps": 2}, {"steps": 32})])
+# By steps of half a pixel, which are 9 mm of depth, a level face scatters more than by noise.
+@pytest.mark.parametrize(
+    ("coarse", "fine", "most_m"),
+    [({}, {"focal_px": 880.0}, 1e-3), ({"steps": 2}, {"steps": 32}, 3e-3)],
+)
 def test_heights_scatter_more_by_a_pair_with_coarser_disparity(
-    coarse: dict[str, float], fine: dict[str, float]
+    coarse: dict[str, float], fine: dict[str, float], most_m: float
 ) -> None:
     _, exact = items_of_seconds(40, stereo=EXACT)
     off, says = [], []
@@ -55,11 +59,11 @@ def test_heights_scatter_more_by_a_pair_with_coarser_disparity(
         assert len(items) == len(exact) > 60
         off.append(np.std([a.height_m - b.height_m for a, b in zip(items, exact, strict=True)]))
         says.append(np.mean([i.sigma_m for i in items]))
-    assert 1e-4 < off[1] < 0.8 * off[0] < 1e-3
+    assert 1e-4 < off[1] < 0.8 * off[0] < most_m
     assert says[1] < says[0]
 
 
-@pytest.mark.parametrize("pair", [{}, {"focal_px": 880.0}])
+@pytest.mark.parametrize("pair", [{}, {"focal_px": 880.0}, {"steps": 2}])
 def test_a_height_scatters_as_that_of_the_detector_in_pictures(pair: dict[str, float]) -> None:
     stereo, scene = StereoTruth(**pair), Scene(noise_once=True)
     rng, detector = np.random.default_rng(3), scene.detector()
@@ -73,6 +77,23 @@ def test_a_height_scatters_as_that_of_the_detector_in_pictures(pair: dict[str, f
         says.append(look.height_sigma_m(middle, scene.normal, SIZE))
     assert len(heights) > 20
     assert np.std(heights, ddof=1) == pytest.approx(np.mean(says), rel=0.35)
+
+
+@pytest.mark.parametrize("pair", [{}, {"steps": 2}, {"noise_px": 0.02}, {"steps": 2, "noise_px": 0.02}])
+def test_steps_that_a_whole_face_shares_do_not_average(pair: dict[str, float]) -> None:
+    """A level face and the belt beside it, in drawn depth. Told millimetres are a step of their own."""
+    stereo, rng = StereoTruth(**pair), np.random.default_rng(5)
+    h, w, edge = 48, 64, 8
+    heights, says = [], []
+    for depth_m in rng.uniform(0.7, 0.9, 300):
+        depth = np.full((h + 2 * edge, 2 * w + 3 * edge), 1000.0 * depth_m, np.float32)
+        depth[:, w + edge :] += 30.0
+        told = stereo_depth(depth, stereo, rng)[edge : edge + h].astype(float)
+        heights.append(told[:, -w:].mean() - told[:, : w - edge].mean())
+        size = w * depth_m / CAMERA.K[0], h * depth_m / CAMERA.K[1]
+        look = Look(None, camera_of(stereo), CAMERA, 1, 1)
+        says.append(look.height_sigma_m(np.array([0.0, 0.0, depth_m]), np.array([0.0, 0.0, 1.0]), size))
+    assert 1e-3 * np.std(heights, ddof=1) == pytest.approx(np.sqrt(np.mean(np.square(says))), rel=0.25)
 
 
 def camera_of(stereo: StereoTruth) -> CameraTruth:
