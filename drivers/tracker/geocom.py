@@ -245,6 +245,7 @@ class GeocomTracker(SampledDevice):
                     self._tell(str(exc))
 
     async def _until_poll(self) -> None:
+        """The pause before each poll. A replay puts the recorded instants of polls in its place."""
         await self._clock.sleep(self._config.poll_period_s)
 
     async def _poll(self, station: Station) -> None:

@@ -381,7 +381,7 @@ def _mode_doubts(arm: str, last: Sample[ArmState] | None) -> list[str]:
         return []
     return [
         f"{arm}: the safety configuration has it in reduced mode, and jobs are refused with ARM_NOT_READY."
-        " Clear what switches that on: a safety input, a plane, or the pendant's three-position switch"
+        " Clear what switches that on: a safety input or a plane of the safety configuration"
     ]
 
 
