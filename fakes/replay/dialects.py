@@ -2,9 +2,8 @@
 
 import json
 import re
-import shutil
 import struct
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,8 +69,9 @@ class Dialect:
 
     ``length`` cuts what a driver says, ``heard`` what it hears. ``asks`` and ``answers`` give the number of a
     question or an answer, None for what is neither; ``key`` is what makes two questions the same one, asked
-    again; ``answering`` is the answer with another number; ``reads`` tells keys of what is asked again and
-    again, as the answer says what was true then.
+    again; ``answering`` is the answer with another number, ``files`` the files that it names and where the
+    question wants them; ``reads`` tells keys of what is asked again and again, as the answer says what was
+    true then.
     """
 
     length: Callable[[bytes], int | None]
@@ -81,6 +81,7 @@ class Dialect:
     key: Callable[[Message], Hashable]
     answering: Callable[[Message, Message], Message]
     reads: Callable[[Hashable], bool] = lambda key: False
+    files: Callable[[Message, Message], Sequence[tuple[Path, Path]]] = lambda answer, question: ()
 
 
 def _motion(message: Message) -> dict[str, Any]:
@@ -92,18 +93,28 @@ def _packed(layout: str, value: dict[str, Any]) -> Message:
     return struct.pack(layout, len(body)) + body
 
 
+_PICTURES = ("colour_file", "depth_file")
+
+
 def _vision_answering(answer: Message, question: Message) -> Message:
-    """The pictures of a capture lie where they were asked for this time: copies, if they are still there."""
+    """The pictures of a capture lie where they were asked for this time."""
     said, asked = _motion(answer), _motion(question)
     said["id"] = asked["id"]
     for frame in said.get("frames", ()):
-        for name in ("colour_file", "depth_file"):
+        for name in _PICTURES:
             if frame.get(name) and "folder" in asked:
-                there = Path(frame[name])
-                frame[name] = f"{asked['folder']}/{there.name}"
-                if there.exists():
-                    shutil.copyfile(there, frame[name])
+                frame[name] = f"{asked['folder']}/{Path(frame[name]).name}"
     return _packed("<I", said)
+
+
+def _vision_files(answer: Message, question: Message) -> list[tuple[Path, Path]]:
+    """The pictures of a capture."""
+    asked = _motion(question)
+    if "folder" not in asked:
+        return []
+    frames = _motion(answer).get("frames", ())
+    pictures = [Path(frame[name]) for frame in frames for name in _PICTURES if frame.get(name)]
+    return [(picture, Path(asked["folder"]) / picture.name) for picture in pictures]
 
 
 def rtu_request(data: bytes) -> int | None:
@@ -223,5 +234,6 @@ BY_NUMBER: dict[str, Dialect] = {
         answers=lambda message: _motion(message)["id"] if _motion(message)["type"] == "answer" else None,
         key=lambda message: _motion(message)["type"],
         answering=_vision_answering,
+        files=_vision_files,
     ),
 }

@@ -7,9 +7,10 @@ asked has no answer, which a driver meets as silence.
 """
 
 import asyncio
+import shutil
 import socket
 from collections import defaultdict, deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
@@ -99,8 +100,15 @@ class _Answer(NamedTuple):
     message: bytes
 
 
+def _copy(files: Iterable[tuple[Path, Path]]) -> None:
+    """Put files that an answer names where the question wants them, if they are still there."""
+    for there, wanted in files:
+        if there.exists() and not (wanted.exists() and wanted.samefile(there)):
+            shutil.copyfile(there, wanted)
+
+
 class ByNumber:
-    """A connection whose answers name their question."""
+    """A connection whose answers belong to a question: by its number, or as the next thing that is said."""
 
     def __init__(self, connection: Connection, dialect: Dialect, write: Write, schedule: _Schedule) -> None:
         self._dialect, self._write, self._schedule = dialect, write, schedule
@@ -125,6 +133,7 @@ class ByNumber:
             if waiting:
                 answer = waiting.popleft()
                 reply = self._dialect.answering(answer.message, question)
+                _copy(self._dialect.files(answer.message, question))
                 self._schedule.at(answer.t, lambda reply=reply: self._write(reply))  # type: ignore[misc]
 
     def next_asked(self, question: bytes, after: float = -inf) -> float | None:

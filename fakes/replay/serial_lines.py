@@ -38,7 +38,7 @@ class PlayedLine:
 
     def open(self) -> None:
         """``ARGUMENT_INVALID`` where something else has the path."""
-        if self._place.exists():
+        if os.path.lexists(self._place):  # also a link that leads nowhere: an adapter that is unplugged
             raise error(
                 "ARGUMENT_INVALID",
                 f"the recording has the serial line {self._place}, which is there: unplug it, or give the"

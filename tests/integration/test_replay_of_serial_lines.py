@@ -149,9 +149,13 @@ def test_a_station_on_a_serial_line_measures_the_same_also_after_it_was_opened_a
     asyncio.run(whole())
 
 
-def test_a_line_that_is_there_is_left_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dangling", [False, True])
+def test_a_line_that_is_there_is_left_alone(tmp_path: Path, dangling: bool) -> None:
     line = tmp_path / "ttyUSB0"
-    line.touch()
+    if dangling:
+        line.symlink_to(tmp_path / "unplugged")
+    else:
+        line.touch()
     subject = WireRecording([Connection("slcan", str(line), 0.0, None, [Record(1.0, True, b"C\r")])], [])
 
     async def whole() -> None:
@@ -160,7 +164,7 @@ def test_a_line_that_is_there_is_left_alone(tmp_path: Path) -> None:
                 raise AssertionError("it is played")
 
     asyncio.run(whole())
-    assert line.exists()
+    assert line.is_symlink() if dangling else line.exists()
 
 
 def test_frames_of_a_modbus_line_end_where_its_specification_says() -> None:

@@ -90,7 +90,7 @@ class Session:
 
 
 def as_replayable(scenario: str) -> str:
-    """A player serves TCP: an encoder is reached through its gateway, not through its serial line."""
+    """An encoder behind its gateway. A run replays on virtual time, on which a serial line is not played."""
     if "[world.belt" not in scenario:
         return scenario
     kept = [line for line in scenario.splitlines() if not line.startswith("can =")]

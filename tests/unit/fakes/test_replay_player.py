@@ -175,13 +175,32 @@ def test_streams_are_cut_where_the_drivers_own_messages_end() -> None:
         assert found == messages
 
 
-def test_the_pictures_of_a_capture_are_copied_where_the_run_still_has_them(tmp_path: Path) -> None:
-    old, new = tmp_path / "old", tmp_path / "new"
+@pytest.mark.parametrize("folder", ["old", "new"])
+def test_the_pictures_of_a_capture_are_copied_where_the_run_still_has_them(
+    tmp_path: Path, folder: str
+) -> None:
+    """Into the very folder of the recording, too."""
+    old, new = tmp_path / "old", tmp_path / folder
     old.mkdir()
-    new.mkdir()
+    new.mkdir(exist_ok=True)
     (old / "p1-depth.png").write_bytes(b"depth")
-    said = {"type": "answer", "id": 9, "frames": [{"colour_file": None, "depth_file": f"{old}/p1-depth.png"}]}
-    BY_NUMBER["vision-child"].answering(pack(said), pack({"type": "capture", "id": 2, "folder": str(new)}))
+    pictures = [{"colour_file": f"{old}/gone.png", "depth_file": f"{old}/p1-depth.png"}]
+    asked = {"type": "capture", "id": 2, "folder": str(old)}
+    said = {"type": "answer", "id": 2, "frames": pictures}
+    recording = recorded("vision-child", "camera", (0.1, True, pack(asked)), (0.2, False, pack(said)))
+
+    async def work(player: WirePlayer, clock: VirtualClock) -> bytes:
+        ours, theirs = socket.socketpair()
+        ours.setblocking(False)
+        await player.pipe(theirs, "vision-child", "camera")
+        with ours:
+            loop = asyncio.get_running_loop()
+            await loop.sock_sendall(ours, pack(asked | {"folder": str(new)}))
+            return await loop.sock_recv(ours, 65536)
+
+    answer = json.loads(played(work, recording)[4:])
+    assert answer["frames"][0]["depth_file"] == f"{new}/p1-depth.png"
+    assert [file.name for file in new.iterdir()] == ["p1-depth.png"]
     assert (new / "p1-depth.png").read_bytes() == b"depth"
 
 
