@@ -99,11 +99,18 @@ def calibrate(cell: ObjectCell, camera_off: Array, scale: float = 0.0, turn_rad:
     _calibrate_camera(cell, camera_off)
     belt = cell.config.robot.belt_nominal
     assert belt is not None
-    nominal = {"m_per_count": belt.scale, "dir": belt.dir}
-    m, way = belt.scale * (1.0 + scale), _turned(belt.dir, turn_rad)
+    _accept(cell, belt_scale("belt"), *belt_result(belt.scale, belt.dir, scale, turn_rad))
+
+
+def belt_result(
+    m_per_count: float, way: list[float], scale: float = 0.0, turn_rad: float = 0.0
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Of a belt that truly is as configured: the value by a calibration that is off by ``scale`` and
+    ``turn_rad``, what its result states, and the configured value."""
+    m = m_per_count * (1.0 + scale)
     half = _SIGMAS95 * SCALE * m
     stated = {"m_per_count_95": [m - half, m + half], "dir_95_rad": _SIGMAS95 * TURN_RAD}
-    _accept(cell, belt_scale("belt"), {"m_per_count": m, "dir": way}, stated, nominal)
+    return {"m_per_count": m, "dir": _turned(way, turn_rad)}, stated, {"m_per_count": m_per_count, "dir": way}
 
 
 def _calibrate_camera(cell: ObjectCell, off: Array) -> None:
