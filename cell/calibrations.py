@@ -1,5 +1,8 @@
 """What the ledger calls a calibration. A tool's belong to the tool, so a changed tool never inherits them."""
 
+from collections.abc import Mapping
+from typing import Any
+
 OF_A_TOOL = ("T_flange_tool", "laser_reference")  # sorts that belong to a tool
 
 
@@ -16,6 +19,18 @@ def laser_reference(tool: str) -> str:
 def time_offset(device: str) -> str:
     """The constant delay of a device's stamps, s."""
     return f"time_offset_s.{device}"
+
+
+def camera_in_delay(stated: Mapping[str, Any], camera: str, version: int | None) -> float | None:
+    """s, standard deviation: what the delay of an encoder has of the error of its camera's in effect, by what
+    the encoder's result has ``stated``. 0: it was measured by another camera or version; None: nobody knows.
+
+    ``camera`` is the name of the camera's delay, for which versions count, and ``version`` that in effect.
+    """
+    by = stated.get("camera_calibration"), stated.get("camera_version")
+    if None in by:
+        return None
+    return float(stated.get("camera_sigma_s", 0.0)) if by == (camera, version) else 0.0
 
 
 def kinematics(device: str) -> str:

@@ -22,11 +22,17 @@ class KnownLens:
 @dataclass(frozen=True)
 class KnownDelay:
     """How late the stamps of a device are against the arm's, as the cell has measured it: ``late_s``, with
-    the standard deviation ``sigma_s``; ``name`` is that of its calibration."""
+    the standard deviation ``sigma_s``; ``name`` is that of its calibration.
+
+    ``camera_sigma_s``: the part of an encoder's ``sigma_s`` that is the error of the delay in effect of its
+    camera, as of ``camera_in_delay``; ``camera`` is the name of that calibration.
+    """
 
     late_s: float
     sigma_s: float
     name: str = ""
+    camera: str = ""
+    camera_sigma_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
-from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
+from cell.calibrations import (
+    belt_scale,
+    camera_in_delay,
+    kinematics,
+    laser_reference,
+    time_offset,
+    tool_calibration,
+)
 from cell.errors import error
 from cell.procedure import Procedure
 from cell.run_values import CONTROLLER, RunValues
@@ -183,10 +190,9 @@ def _with_camera_in_it(
         return offsets
     encoder, camera = (time_offset(roles[role]) for role in ("belt", "fixed_camera"))
     stated = effect.uncertainty.get(encoder, {})
-    by = stated.get("camera_calibration"), stated.get("camera_version")
-    if "sigma" in offsets["belt"] and None not in by:
-        same = by == (camera, effect.versions.get(camera))  # versions count by name
-        offsets["belt"]["camera_sigma"] = float(stated.get("camera_sigma_s", 0.0)) if same else 0.0
+    part = camera_in_delay(stated, camera, effect.versions.get(camera))
+    if "sigma" in offsets["belt"] and part is not None:
+        offsets["belt"]["camera_sigma"] = part
     return offsets
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cell.calibrations import time_offset
+from cell.calibrations import camera_in_delay, time_offset
 from cell.errors import CellError, error
 from cell.known_cell import (
     KnownBeams,
@@ -126,11 +126,17 @@ def measured_delay(setup: Setup, role: str) -> KnownDelay | None:
     if (device := setup.roles.get(role)) is None:
         return None
     name = time_offset(device)
-    interval = _stated(setup, name).get("interval95_s")
+    stated = _stated(setup, name)
+    interval = stated.get("interval95_s")
     if interval is None:
         return None
     low, high = interval
-    return KnownDelay(0.5 * (low + high), 0.5 * (high - low) / K95, name)
+    delay = KnownDelay(0.5 * (low + high), 0.5 * (high - low) / K95, name)
+    if role != "belt" or "fixed_camera" not in setup.roles:
+        return delay
+    camera = time_offset(setup.roles["fixed_camera"])
+    version = (setup.committed(camera) or {}).get("version")
+    return replace(delay, camera=camera, camera_sigma_s=camera_in_delay(stated, camera, version))
 
 
 def _stated(setup: Setup, name: str) -> Mapping[str, Any]:

@@ -133,7 +133,9 @@ async def _run(
         if any(step.given_delay for step in steps):
             camera = config.robot.roles()["fixed_camera"]
             await asyncio.to_thread(give_delay, ledger, camera, arm.world.truth())
-        for device, delay in {name: d for step in steps for name, d in step.delays.items()}.items():
+        delays = {name: d for step in steps for name, d in step.delays.items()}
+        # An encoder's, which may name the camera's version, behind it.
+        for device, delay in sorted(delays.items(), key=lambda kept: kept[1].camera_sigma_s is not None):
             await asyncio.to_thread(keep_delay, ledger, device, delay)
         began = clock.now()
         runs = []

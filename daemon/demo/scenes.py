@@ -82,5 +82,9 @@ def keep_delay(ledger: Ledger, device: str, delay: KnownDelay) -> None:
 
 def _accept(ledger: Ledger, device: str, delay: KnownDelay) -> None:
     half_s = K95 * delay.sigma_s
-    found = {"result": {"interval95_s": [delay.late_s - half_s, delay.late_s + half_s]}}
+    found: dict[str, Any] = {"result": {"interval95_s": [delay.late_s - half_s, delay.late_s + half_s]}}
+    if (part := delay.camera_sigma_s) is not None:  # by the camera's version of this ledger, or by no such
+        version = ledger.effective(delay.camera, 0.0).version if part else 0
+        found["inputs"] = {"camera_calibration": delay.camera, "camera_version": version}
+        found["uncertainty"] = {"camera_sigma_s": part}
     ledger.accept(ledger.propose(time_offset(device), delay.late_s, found, 0, 0.0), "the demo")

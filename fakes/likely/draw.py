@@ -1,5 +1,6 @@
 """The whole scenario: the arm, and whatever parts are known."""
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,9 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
         world |= draw_belt(known.belt, rngs["belt"])
         if (delay := known.belt.delay) is not None:
             # What was measured is the delay on average, and counts are later by half of their jitter.
-            late_s = arm_late_s + _measured(delay, seed, _ENCODER_LATE) - 0.5 * world["belt"]["jitter_s"]
-            world["belt"]["late_s"] = late_s
+            camera = known.camera.pictures.delay if known.camera is not None else None
+            late_s = arm_late_s + _measured(delay, seed, _ENCODER_LATE, camera)
+            world["belt"]["late_s"] = late_s - 0.5 * world["belt"]["jitter_s"]
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
         if known.gripper.place_clear is not None:
@@ -70,11 +72,11 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     return text
 
 
-def _measured(delay: KnownDelay, seed: int, of: int) -> float:
+def _measured(delay: KnownDelay, seed: int, of: int, camera: KnownDelay | None = None) -> float:
     """s: a delay about the measured one, which is against the arm's stamps.
 
-    Camera and encoder are drawn apart, although an encoder is measured by the camera: in that the twin is
-    less kind than a cell, in which what is open of the camera is open of the encoder alike.
+    ``camera``: that of the camera by which an encoder was measured. While its version is in effect, what is
+    open of it is open of the encoder alike, and the encoder has its own part beside that.
     """
     if abs(delay.late_s) + _SIGMAS * delay.sigma_s + ARM_LATE_S[1] > LATEST_S:
         late_ms, half_ms = 1e3 * delay.late_s, 1e3 * _HALF95 * delay.sigma_s
@@ -84,4 +86,13 @@ def _measured(delay: KnownDelay, seed: int, of: int) -> float:
             "makes that device so late and measure it anew, or take the version back "
             f"('cellward rollback {delay.name}') to rehearse with a usual delay"
         )
-    return delay.late_s + delay.sigma_s * float(np.random.default_rng([seed, of]).standard_normal())
+    shared_s, own_s = 0.0, delay.sigma_s
+    if camera is not None and delay.camera_sigma_s:
+        shared_s = camera.sigma_s * _drawn(seed, _CAMERA_LATE)
+        own_s = sqrt(max(delay.sigma_s**2 - camera.sigma_s**2, 0.0))
+    return delay.late_s + shared_s + own_s * _drawn(seed, of)
+
+
+def _drawn(seed: int, of: int) -> float:
+    """Of a normal distribution, in standard deviations."""
+    return float(np.random.default_rng([seed, of]).standard_normal())

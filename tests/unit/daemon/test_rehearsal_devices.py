@@ -291,6 +291,37 @@ def test_a_delay_that_the_cell_has_measured_is_drawn_about_that_value_as_well_as
     np.testing.assert_allclose(np.std(late, axis=0), sigmas, rtol=0.4)
 
 
+CAMERA_DELAY = {"name": "time_offset_s.belt_camera", "state": "committed", "version": 3}
+
+
+@pytest.mark.parametrize(("version", "together"), [(3, True), (2, False), (None, False)])
+def test_an_encoder_that_was_measured_by_the_camera_in_effect_shares_its_error(
+    version: int | None, together: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, sigma_s = str(CAMERA_DELAY["name"]), 0.0005 / 1.96
+    by = {"camera_calibration": name, "camera_sigma_s": sigma_s} | (
+        {} if version is None else {"camera_version": version}
+    )
+    found = MEASURED | {"time_offset_s.belt": MEASURED["time_offset_s.belt"] | by}
+    monkeypatch.setattr("daemon.predictions._stated_now", lambda _, name: found.get(name, {}))
+    monkeypatch.setattr("daemon.predictions.ledger_rows", lambda _: [CAMERA_DELAY])
+    path, late = whole_example(tmp_path), []
+    for seed in range(60):
+        rehearsed_cell(load_config(path), path, "belt-calibration", seed, tmp_path)
+        world = Scenario.load(tmp_path / "scenario.toml").world
+        arm_s = world.arm.reported.stamp_late_s
+        late.append((present(world.camera, "").stamp_late_s - arm_s, present(world.belt, "").late_s - arm_s))
+    shared = np.cov(np.transpose(late))
+    assert np.sqrt(shared[1, 1]) == pytest.approx(0.0008 / 1.96, rel=0.4)
+    assert np.corrcoef(np.transpose(late))[0, 1] == pytest.approx(5 / 8 if together else 0.0, abs=0.3)
+    outcome = rehearse(load_config(path), path, "belt-calibration", 1, tmp_path)
+    assert outcome.ended == "complete", outcome.why
+    (run,) = list_runs(tmp_path / "state" / "runs")
+    known = json.loads((run.path / "run.json").read_text("utf-8"))["values"]["time_offset_s"]["belt"]
+    expected = {3: pytest.approx(sigma_s), 2: 0.0, None: None}
+    assert known.get("camera_sigma") == expected[version]
+
+
 @pytest.mark.parametrize(
     ("device", "late_s", "half_s"),
     [("belt_camera", 0.25, 0.001), ("belt_camera", 0.1, 0.05), ("belt", -0.2, 0.0)],
