@@ -116,6 +116,8 @@ class ByNumber:
         self._answers: dict[Hashable, deque[_Answer]] = defaultdict(deque)
         self._by_itself: list[tuple[float, bytes]] = []
         self.asked: deque[float] = deque()  # when the questions were asked
+        # On a serial line, which is played in real time, the driver may be late and yet asks for each.
+        self._leaves_out = serial_line(connection.protocol, connection.peer) is None
         self._begun = False
         self._sort(connection)
 
@@ -143,14 +145,15 @@ class ByNumber:
 
     def _waiting(self, question: bytes) -> deque[_Answer]:
         """The answers to it that are left. What is read tells what is true now: an answer that nobody asked
-        for in its time is left out, or each that is asked later would be older by so much."""
+        for in its time is left out in virtual time, or each that is asked later would be older by so much."""
         dialect = self._dialect
         if dialect.asks(question) is None:
             return deque()
         key = dialect.key(question)
         waiting = self._answers.get(key, deque())
-        while len(waiting) > 1 and dialect.reads(key) and self._schedule.due(waiting[1].asked):
-            waiting.popleft()
+        if self._leaves_out and dialect.reads(key):
+            while len(waiting) > 1 and self._schedule.due(waiting[1].asked):
+                waiting.popleft()
         return waiting
 
     def _sort(self, connection: Connection) -> None:

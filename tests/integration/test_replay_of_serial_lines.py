@@ -35,6 +35,7 @@ from tests.kit.modbus_io_rig import Pulses, rig
 pytestmark = pytest.mark.wire
 HOST = "127.0.24.1"
 REFLECTORS: Any = {"smr1": {"constant_m": 0.0}}
+SCATTER_M = 1e-4  # of single distances and angles of the twin at 2 m it is a tenth of this
 Use = Callable[[str], Awaitable[Any]]  # of a line, by its path: what a driver read on it
 
 
@@ -123,7 +124,10 @@ def test_a_station_on_a_serial_line_measures_the_same_also_after_it_was_opened_a
     async def use(line: str) -> list[Any]:
         found: list[Any] = []
         for _ in range(2):
-            config = GeocomConfig(url=f"serial://{line}?baudrate=115200", reflectors=REFLECTORS)
+            # No poll in between, of which a machine that pauses makes one more or less.
+            config = GeocomConfig(
+                url=f"serial://{line}?baudrate=115200", reflectors=REFLECTORS, poll_period_s=5.0
+            )
             device = GeocomTracker("tracker", config, MonotonicClock())
             await device.open()
             found.append((await device.identify()).serial)
@@ -144,7 +148,8 @@ def test_a_station_on_a_serial_line_measures_the_same_also_after_it_was_opened_a
         assert len(recording.of("tracker")) == 2
         subject = await played(tmp_path, use, recording)
         assert subject[::2] == found[::2]
-        np.testing.assert_allclose(subject[1::2], found[1::2], rtol=0.0, atol=1e-9)
+        # In real time a window may hold one distance more or less: that moves their mean by their scatter.
+        np.testing.assert_allclose(subject[1::2], found[1::2], rtol=0.0, atol=SCATTER_M)
 
     asyncio.run(whole())
 
