@@ -30,7 +30,10 @@ def camera_in_delay(stated: Mapping[str, Any], camera: str, version: int | None)
     by = stated.get("camera_calibration"), stated.get("camera_version")
     if None in by:
         return None
-    return float(stated.get("camera_sigma_s", 0.0)) if by == (camera, version) else 0.0
+    if by != (camera, version):
+        return 0.0
+    part = stated.get("camera_sigma_s")
+    return None if part is None else float(part)
 
 
 def kinematics(device: str) -> str:

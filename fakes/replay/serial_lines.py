@@ -5,14 +5,13 @@ import os
 import select
 import tty
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from cell.errors import error, present
+from fakes.wire.terminal import MOST_READ, TerminalTransport
 
 LOOK_S = 0.005  # between looks whether somebody has opened it
-_MOST_READ = 4096
 
 
 def serial_line(protocol: str, peer: str) -> Path | None:
@@ -34,7 +33,7 @@ class PlayedLine:
         self._place, self._made = place, made
         self._offered: int | None = None  # our end of the terminal that nobody has opened yet
         self._look: asyncio.TimerHandle | None = None
-        self._open: dict[int, tuple[asyncio.Protocol, _Transport]] = {}
+        self._open: dict[int, tuple[asyncio.Protocol, TerminalTransport]] = {}
 
     def open(self) -> None:
         """``ARGUMENT_INVALID`` where something else has the path."""
@@ -74,14 +73,14 @@ class PlayedLine:
         if _hung_up(ours):
             self._look = asyncio.get_running_loop().call_later(LOOK_S, self._look_for_driver)
             return
-        self._open[ours] = made, transport = self._made(), _Transport(ours)
+        self._open[ours] = made, transport = self._made(), TerminalTransport(ours)
         asyncio.get_running_loop().add_reader(ours, self._readable, ours, made)
         made.connection_made(transport)
         self._offer()
 
     def _readable(self, ours: int, made: asyncio.Protocol) -> None:
         try:
-            data = os.read(ours, _MOST_READ)
+            data = os.read(ours, MOST_READ)
         except BlockingIOError:
             return
         except OSError:  # the driver has closed it
@@ -101,24 +100,3 @@ def _hung_up(ours: int) -> bool:
     look = select.poll()
     look.register(ours, 0)
     return any(events & select.POLLHUP for _, events in look.poll(0))
-
-
-class _Transport(asyncio.Transport):
-    """Writes to a terminal; what it does not take is lost, as on a line that nobody reads."""
-
-    def __init__(self, descriptor: int) -> None:
-        super().__init__()
-        self._descriptor: int | None = descriptor
-
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        if self._descriptor is not None:
-            with suppress(BlockingIOError):
-                os.write(self._descriptor, data)
-
-    def is_closing(self) -> bool:
-        return self._descriptor is None
-
-    def close(self) -> None:
-        self._descriptor = None
-
-    abort = close

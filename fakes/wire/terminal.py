@@ -15,7 +15,7 @@ _BAUD = {
     getattr(termios, f"B{rate}"): rate
     for rate in (300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 }
-_MOST_READ = 4096
+MOST_READ = 4096
 
 
 class PseudoTerminal:
@@ -45,7 +45,7 @@ class PseudoTerminal:
         ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)
         os.set_blocking(ours, False)
-        self._ours, self._link = ours, Link(_Transport(ours), self._faults)
+        self._ours, self._link = ours, Link(TerminalTransport(ours), self._faults)
         self.path.unlink(missing_ok=True)
         self.path.symlink_to(os.ttyname(self._theirs))
         asyncio.get_running_loop().add_reader(ours, self._readable, ours)
@@ -69,12 +69,12 @@ class PseudoTerminal:
 
     def _readable(self, ours: int) -> None:
         with suppress(BlockingIOError):
-            data = os.read(ours, _MOST_READ)
+            data = os.read(ours, MOST_READ)
             if not self._faults.half_open:
                 self._received(data)
 
 
-class _Transport(asyncio.Transport):
+class TerminalTransport(asyncio.Transport):
     """Writes to a terminal; what it does not take is lost, as on a line with nobody at its end."""
 
     def __init__(self, descriptor: int) -> None:
