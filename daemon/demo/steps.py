@@ -82,6 +82,15 @@ TRACKER_SAMPLING = Step(
     "15 poses seen by a laser tracker, solved together with a stored set",
     twin="tracker",
 )
+BELT_CALIBRATION = Step(
+    "belt-calibration",
+    6,
+    plc.CAMERA_OK | plc.ENCODER_OK,
+    25,
+    "a belt calibrated by the items that it carries",
+    twin="picking",
+    given_camera=True,
+)
 BELT_TRACKING = Step(
     "belt-tracking",
     7,
@@ -189,7 +198,7 @@ STEPS: dict[str, tuple[Step, ...]] = {
     "cone-capture": (CONE_CAPTURE,),
     "laser-update": (LASER_REFERENCE, LASER_UPDATE),
     "tracker-sampling": (TRACKER_SAMPLING,),
-    "belt-tracking": (BELT_TRACKING,),
+    "belt-tracking": (BELT_CALIBRATION, BELT_TRACKING),
     "eye-to-hand-check": (EYE_TO_HAND, EYE_TO_HAND_CHECK),
     "slot-insertion": (RACK, SLOT_INSERTION),
     "latency-calibration": (CAMERA_DELAY, ENCODER_DELAY),

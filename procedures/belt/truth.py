@@ -28,10 +28,10 @@ def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: 
     share = half / abs(true["m_per_count"])
     turn = asin(min(float(np.linalg.norm(np.cross(found.dir, true["dir"]))), 1.0))
     good = off <= SURE_SCALAR * share and turn <= SURE_TILT * turn95
-    stated = f"{100 * share:.3f} %, {degrees(turn95):.3f} deg"
-    apart = f"{100 * off:.3f} %, {degrees(turn):.3f} deg"
+    stated = f"{TRAVEL} {100 * share:.3f} %, {DIRECTION} {degrees(turn95):.3f} deg (95 %)"
+    apart = f"{TRAVEL} {100 * off:.3f} %, {DIRECTION} {degrees(turn):.3f} deg"
     words = "consistent with" if good else "NOT consistent with"
-    text = f"travel of one count and direction are off by {apart}\n{words} the stated 95 % limits, {stated}"
+    text = f"off by: {apart}\n{words} the stated limits, {stated}"
     of95 = {TRAVEL: off / share, DIRECTION: turn / turn95}
     limits95 = {TRAVEL: (share, "1"), DIRECTION: (turn95, "rad")}
     return Judged(good, text, stated, apart, all_inside(of95), of95, limits95)

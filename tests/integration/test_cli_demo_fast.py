@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cell.store.files import read_json
 from daemon.cli import main
-from daemon.demo.fast import run_fast
+from daemon.demo.fast import ROWS_FILE, STATE, run_fast
 from daemon.demo.steps import steps_of
 
 pytestmark = pytest.mark.slow
@@ -62,6 +63,21 @@ def test_the_fast_demo_samples_an_arm_with_a_stored_set(
     assert "15 poses of this run, 3 of them set aside, solved together with a stored set of 40 poses" in shown
     assert "consistent with the promise" in shown
     assert "NOT consistent" not in shown
+
+
+@pytest.mark.parametrize("ideal", [False, True])
+def test_the_fast_demo_picks_by_the_belt_that_it_has_calibrated(
+    folder: Path, ideal: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = folder / str(ideal)
+    assert run_fast(out, steps_of(["belt-tracking"]), ideal) == 0
+    shown = capsys.readouterr().out
+    assert "NOT consistent" not in shown
+    assert "belt.nominal" not in shown
+    assert [row["job"] for row in read_json(out / ROWS_FILE)] == ["belt-calibration", "belt-tracking"]
+    (picks,) = (out / "picking" / STATE / "runs").glob("*_belt-tracking_*")
+    stated = read_json(picks / "result.json")["result"]["contact_95_m"]
+    assert 0.0003 < stated < 0.003, "by a belt that nobody has calibrated it was 0.008 m"
 
 
 @pytest.mark.parametrize(

@@ -330,7 +330,12 @@ def test_the_stored_set_is_of_the_arm_and_the_monuments_of_the_demo(tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("job", "last"),
-    [("cone-capture", "cone-capture"), ("laser-reference", "laser-update"), ("touch-test", "cross-check")],
+    [
+        ("cone-capture", "cone-capture"),
+        ("laser-reference", "laser-update"),
+        ("belt-calibration", "belt-tracking"),
+        ("touch-test", "cross-check"),
+    ],
 )
 def test_a_job_that_is_run_for_another_one_is_shown_with_it(job: str, last: str) -> None:
     assert steps_of([job]) == list(STEPS[last])

@@ -42,3 +42,9 @@ def test_each_error_is_its_share_of_the_limit_that_is_stated(
     }
     off = {name: subject.of95[name] * size for name, (size, _) in subject.limits95.items()}
     assert off == pytest.approx({"travel of one count": OFF, "direction": TURN_RAD}, rel=1e-6)
+
+
+def test_a_row_says_which_figure_is_the_travel_and_which_the_direction() -> None:
+    subject = judged(0.001, 0.002)
+    assert subject.stated == "travel of one count 0.100 %, direction 0.115 deg (95 %)"
+    assert subject.off == "travel of one count 0.040 %, direction 0.057 deg"
