@@ -27,7 +27,7 @@ class RunValues:
     ``made_with`` the model of the arm that this version was made with, and ``uncertainty`` what the result
     that it comes from states: of a camera the covariance ``cov`` and its ``budget``, the accuracy of the
     ``arm``, the ``lens``, and the ``target`` with its printed size ``target_scale``; of a belt
-    ``m_per_count_95`` and ``dir_95_rad``.
+    ``m_per_count_95``, ``dir_95_rad`` and, level alone, ``half_level_rad``.
     """
 
     robot: Mapping[str, Any]

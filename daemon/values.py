@@ -144,10 +144,11 @@ def stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
         "camera_version": inputs.get("camera_version"),
         "camera_calibration": inputs.get("camera_calibration"),
         "camera_sigma_s": spread.get("camera_sigma_s"),
+        "half_level_rad": spread.get("half_level_rad"),
     }
     of_poses = ("cov", "budget", "arm", "interval95_s", "lens", "lens_cov", "target", "target_scale")
     of_encoder = ("camera_calibration", "camera_version", "camera_sigma_s")
-    keys = (*of_poses, "m_per_count_95", "dir_95_rad", *of_encoder)
+    keys = (*of_poses, "m_per_count_95", "dir_95_rad", "half_level_rad", *of_encoder)
     return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 

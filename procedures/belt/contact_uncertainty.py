@@ -191,7 +191,7 @@ UNSTATED_BELT = BeltAssumption(
 
 
 class BeltSigmas(NamedTuple):
-    """Standard deviations of a belt's scale, as a share of it, and of its direction, rad; with the
+    """Standard deviations of a belt's scale, as a share of it, and of its direction, level, rad; with the
     ``assumption`` that they are by, None where they were stated."""
 
     scale: float
@@ -207,6 +207,7 @@ def belt_sigmas(stated: Mapping[str, Any], belt: Mapping[str, Any] | None, *, in
     """Of ``belt``, from what its calibration has ``stated``; where that is nothing the usual, of a version
     ``in_effect`` as well."""
     interval, turn = stated.get("m_per_count_95"), stated.get("dir_95_rad")
+    turn = stated.get("half_level_rad", turn)  # dir_95_rad is of height as well, which moves no contact
     if interval is None or turn is None or belt is None:
         return BeltSigmas(SCALE_SHARE, TURN_RAD, UNSTATED_BELT if in_effect else NOMINAL_BELT)
     half = 0.5 * abs(float(interval[1]) - float(interval[0]))

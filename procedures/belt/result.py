@@ -42,6 +42,9 @@ class BeltUncertainty(Part):
 
     half_m_per_count: Metres | None = Field(description="Half of the 95 % interval of the travel.")
     half_dir_rad: Radians | None = Field(description="Half of that of the direction.")
+    half_level_rad: Radians | None = Field(
+        default=None, description="Half of that of the direction in the level plane, by which picks go."
+    )
     cov: BeltCovariance | None = Field(description="3x3, of `m_per_count` times `dir` (m^2).")
     mostly_from: str | None = Field(
         description="What the scale's interval comes from mostly: `sightings`, `frames`, `items`, `picture`, "

@@ -104,6 +104,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
         uncertainty=BeltUncertainty(
             half_m_per_count=answer.half_scale,
             half_dir_rad=answer.half_angle,
+            half_level_rad=answer.half_angle if sure is None else sure.half_level,
             cov=None if answer.cov is None else answer.cov.tolist(),
             mostly_from=None if sure is None else sure.by,
         ),

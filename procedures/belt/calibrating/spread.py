@@ -37,13 +37,15 @@ _NOISE, _PICTURE, _SLIPS = "sightings", "picture", "slips"
 
 @dataclass(frozen=True)
 class BeltUncertainty:
-    """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane), and the ``cov`` (3, 3) of
-    ``m_per_count * dir``; ``by`` names what makes most of the scale's: single ``sightings``, what all of one
-    of the ``frames``, of the ``items`` or at one place of the ``picture`` share, the rounding of ``counts``,
-    ``slips`` that may be none, a ``delay`` of the counts, or the camera's ``lens``."""
+    """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane, and ``half_level`` in the
+    level one alone, by which picks go), and the ``cov`` (3, 3) of ``m_per_count * dir``; ``by`` names what
+    makes most of the scale's: single ``sightings``, what all of one of the ``frames``, of the ``items`` or at
+    one place of the ``picture`` share, the rounding of ``counts``, ``slips`` that may be none, a ``delay`` of
+    the counts, or the camera's ``lens``."""
 
     half_scale: float
     half_angle: float
+    half_level: float
     cov: Array
     by: str
 
@@ -62,6 +64,7 @@ def spread(answer: BeltScale, rows: SightingRows) -> BeltUncertainty | None:
     return BeltUncertainty(
         half_scale=m * found[0].half,
         half_angle=max(found[1].half, found[2].half),
+        half_level=found[1].half,
         cov=m * m * axes.T @ np.diag([slope.variance for slope in found]) @ axes,
         by=found[0].by,
     )
@@ -80,6 +83,7 @@ def with_camera(
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * share_95)),
         half_angle=float(np.hypot(sure.half_angle, turn_95_rad)),
+        half_level=float(np.hypot(sure.half_level, turn_95_rad)),
         cov=sure.cov + (m / K95) ** 2 * shared,
     )
 
@@ -121,6 +125,7 @@ def with_lens(sure: BeltUncertainty, answer: BeltScale, slopes: Array) -> BeltUn
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * half[0])),
         half_angle=float(np.hypot(sure.half_angle, half[1])),
+        half_level=float(np.hypot(sure.half_level, half[1])),
         cov=sure.cov + m * m * axes.T @ slopes @ slopes.T @ axes,
         by=LENS if m * half[0] > sure.half_scale else sure.by,
     )

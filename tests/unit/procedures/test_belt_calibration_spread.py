@@ -112,6 +112,22 @@ def test_a_camera_that_is_turned_and_too_far_away_is_inside_the_interval_that_as
     assert without < 0.5
 
 
+def test_steps_of_a_depth_camera_widen_the_direction_in_height_and_not_the_level_one() -> None:
+    held = []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 9])
+        rows = seen(rng, feed=MANY)
+        steps = 5e-4 * np.sin(8.0 * (rows.points @ WAY) + rng.uniform(0.0, 6.0))
+        rows = replace(rows, points=rows.points + steps[:, None] * np.cross(WAY, BESIDE))
+        answer = fit_scale(rows.points, rows.counts, rows.items)
+        assert isinstance(answer, BeltScale)
+        sure = spread(answer, rows)
+        assert sure is not None
+        assert sure.half_level < 0.3 * sure.half_angle
+        held.append(abs(answer.direction @ BESIDE) <= sure.half_level)
+    assert np.mean(held) > 0.85
+
+
 def test_a_lens_that_is_known_as_by_its_maker_is_inside_the_interval_that_has_it() -> None:
     """Its focal length and centre, which no pattern over the picture shows."""
     pose = RigidTransform.from_components([0.5 * SEEN, 0.05, 0.8], Rotation.from_rotvec([3.1, 0.05, 0.1]))

@@ -66,6 +66,17 @@ def test_each_source_counts_by_what_its_calibration_states() -> None:
     assert found["plan"][1, 1] == pytest.approx(1e-8)
 
 
+def test_a_belt_whose_rise_is_hardly_known_leaves_contacts_open_by_its_level_direction_alone() -> None:
+    stated = {**CALIBRATED["uncertainty"]["belt.belt"], "half_level_rad": 1e-4}
+    level = budget({**CALIBRATED, "uncertainty": {"belt.belt": stated}})
+    ours, older = (
+        subject.of(touch(track()), np.zeros((3, 3)), None).parts["belt calibration"]
+        for subject in (level, budget(CALIBRATED))
+    )
+    assert ours[0, 0] == older[0, 0]
+    assert ours[1, 1] == pytest.approx(1e-2 * older[1, 1])
+
+
 def test_a_delay_of_the_encoder_counts_by_the_change_of_the_speed() -> None:
     late = {**CALIBRATED, "time_offset_s": {"fixed_camera": {"sigma": 0.0}, "belt": {"sigma": 2e-3}}}
     even, slower = (
