@@ -19,20 +19,25 @@ _TICKS = 16
 
 
 class Ahead:
-    """Joints, joint speeds and the TCP's pose at some of the times at which ``segment`` is in force."""
+    """What is told at some ``stamps`` of the joints, of the TCP's pose, and of a force without a contact.
 
-    def __init__(self, world: World, segment: Segment, T_flange_tcp: Array, times: Sequence[float]) -> None:
-        self.segment, self.T_flange_tcp, self._times = segment, T_flange_tcp, times
+    ``segment`` is in force at all times at which the told joints were so.
+    """
+
+    def __init__(self, world: World, segment: Segment, T_flange_tcp: Array, stamps: Sequence[float]) -> None:
+        self.segment, self.T_flange_tcp = segment, T_flange_tcp
+        times = [t - world.reported.late_s for t in stamps]
         q, qd = world.reported.joints_at(times, *states(segment, times))
         T = world.believed.matrix(q) @ T_flange_tcp
         turned = [rotation_vector_of(R) for R in T[:, :3, :3].tolist()]
         poses = np.concatenate([T[:, :3, 3], turned], axis=1)
-        for array in (q, qd, poses):
+        forces = world.reported.forces(stamps)
+        for array in (q, qd, poses, forces):
             array.flags.writeable = False
-        self._told = {t: told for t, *told in zip(times, q, qd, poses, strict=True)}
+        self._told = {t: told for t, *told in zip(stamps, q, qd, poses, forces, strict=True)}
 
     def at(self, t: float) -> list[Array] | None:
-        """``q``, ``qd`` and ``tcp_pose6``, (6,) each, read only; None of a time that is not there."""
+        """``q``, ``qd``, ``tcp_pose6`` and the force, (6,) each, read only; None of another stamp."""
         return self._told.get(t)
 
 

@@ -192,9 +192,8 @@ class ObjectArm(ObjectDevice):
             offset.flags.writeable = False
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), offset
         _, T_flange_tcp, tcp_offset6 = self._tcp
-        late_s = self.world.reported.late_s
-        q, qd, tcp_pose6 = self._told(t - late_s, tick, segment, T_flange_tcp)
-        force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
+        q, qd, tcp_pose6, free_force = self._told(t, tick, segment, T_flange_tcp)
+        force = self.world.contact_force(t, c.T_flange_tcp) + free_force
         force.flags.writeable = False
         return ArmState(
             q=q,
@@ -212,14 +211,14 @@ class ObjectArm(ObjectDevice):
         )
 
     def _told(self, t: float, tick: int, segment: Segment, T_flange_tcp: Array) -> list[Array]:
-        """Joints, joint speeds and the TCP's pose at ``t``, which this tick tells, and those of the ticks
-        after it together."""
+        """Joints, joint speeds, the TCP's pose and the force without a contact at ``t``, which this tick
+        tells, and those of the ticks after it together."""
         ahead = self._ahead
         if ahead is not None and ahead.segment is segment and ahead.T_flange_tcp is T_flange_tcp:
             told = ahead.at(t)
             if told is not None:
                 return told
-        ticks, late_s = ticks_ahead(segment, t, self.config.state_period_s), self.world.reported.late_s
-        later = (self.state.time_of(tick + k) - late_s for k in range(1, ticks))
+        ticks = ticks_ahead(segment, t - self.world.reported.late_s, self.config.state_period_s)
+        later = (self.state.time_of(tick + k) for k in range(1, ticks))
         self._ahead = ahead = Ahead(self.world, segment, T_flange_tcp, [t, *later])
         return present(ahead.at(t), "time that was foreseen")

@@ -21,6 +21,7 @@ class Reported:
 
     def __init__(self, truth: ReportedTruth, seed: int) -> None:
         self._truth, self._seed = truth, seed
+        self._newest: tuple[float, Array] | None = None
 
     @property
     def late_s(self) -> float:
@@ -47,23 +48,33 @@ class Reported:
         return q + self._truth.q_noise_rad * draws[:, :6], qd + self._truth.qd_noise_rad_s * draws[:, 6:]
 
     def force(self, t: float) -> Array:
-        """Force and moment (6,) that the sensor shows without a contact."""
-        force = np.zeros(6)
+        """Force and moment (6,) that the sensor shows without a contact, read only."""
+        newest = self._newest
+        if newest is None or newest[0] != t:  # a controller on the wire tells each in two ways
+            newest = self._newest = t, self.forces((t,))[0]
+            newest[1].flags.writeable = False
+        return newest[1]
+
+    def forces(self, times: Sequence[float]) -> Array:
+        """The same of many times (n,): (n, 6), in little more time than of one."""
+        forces = np.zeros((len(times), 6))
         if self._truth.force_bias_n or self._truth.force_walk_n:
-            phase, pace, way = self._walk
-            force[:3] = self._truth.force_bias_n * way[0]
-            force[:3] += self._truth.force_walk_n * np.sin(phase + pace * t) @ way[1:]
-        return force
+            bias, walk, phase, pace = self._walk
+            waves = np.sin(phase + pace * np.array(times)[:, None])
+            # Wave by wave: a product of matrices may round one row of many otherwise than one by itself.
+            forces[:, :3] = bias + (waves[:, :, None] * walk).sum(axis=1)
+        return forces
 
     @cached_property
     def _draws(self) -> Array:
         return np.random.default_rng([self._seed, _DRAWN_FOR]).standard_normal((_CYCLES, 12))
 
     @cached_property
-    def _walk(self) -> tuple[Array, Array, Array]:
-        """Phases and paces (k,) of slow waves, and directions (1 + k, 3)."""
+    def _walk(self) -> tuple[Array, Array, Array, Array]:
+        """The bias (3,) N, and of slow waves the amplitudes (k, 3) N, phases and paces (k,)."""
         rng = np.random.default_rng([self._seed, _DRAWN_FOR, 1])
         way = rng.standard_normal((1 + _WALKS, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         pace = 2.0 * np.pi / rng.uniform(*_PERIODS_S, _WALKS)
-        return rng.uniform(0.0, 2.0 * np.pi, _WALKS), pace, way
+        phase = rng.uniform(0.0, 2.0 * np.pi, _WALKS)
+        return self._truth.force_bias_n * way[0], self._truth.force_walk_n * way[1:], phase, pace

@@ -47,6 +47,8 @@ def states(segment: Segment, times: Sequence[float]) -> tuple[Array, Array]:
         q = segment.at(segment.t0)[0]
         return np.tile(q, (len(times), 1)), np.zeros((len(times), len(q)))
     match segment:
+        case Hold():
+            return np.tile(segment.q, (len(times), 1)), np.zeros((len(times), len(segment.q)))
         case JointMove() if segment.profile.length > 0.0:
             s, v = _along(segment, times)
             per_length = (segment.q1 - segment.q0) / segment.profile.length

@@ -130,6 +130,12 @@ def test_a_force_without_contact_walks_by_newtons() -> None:
     assert 2.0 < float(np.ptp(force[:16, 2])) + float(np.ptp(force[:, 0])) < 20.0
 
 
+def test_forces_at_many_times_are_those_of_single_ones_bit_by_bit() -> None:
+    subject = Reported(ReportedTruth(force_walk_n=2.0, force_bias_n=1.0), seed=3)
+    times = np.arange(1000.0, 1001.0, 0.02).tolist()
+    assert np.array_equal(subject.forces(times), [subject.force(t) for t in times])
+
+
 def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
     real = Scenario.load("picking").world
     ideal = Scenario.load("picking:ideal").world
