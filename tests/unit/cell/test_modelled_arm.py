@@ -1,7 +1,7 @@
 """An arm seen and moved through another model than its controller believes: states, poses, silences."""
 
 import asyncio
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,16 @@ def test_flange_poses_are_those_of_the_own_model(subject: ModelledArm, controlle
     np.testing.assert_allclose(to_pose6(raw.T_base_flange), to_pose6(BELIEVED.forward(Q)), atol=1e-9)
     assert np.linalg.norm(state.T_base_flange.translation - raw.T_base_flange.translation) > 1e-3
     np.testing.assert_array_equal(state.tcp_pose6, raw.tcp_pose6)
+
+
+def test_all_but_the_model_is_as_the_controller_reports_it(
+    subject: ModelledArm, controller: Controller
+) -> None:
+    told = replace(state_at(Q), digital_in=5, digital_out=3, stamp=7.0, speed_scaling=0.5)
+    controller.state.push(Sample(told, controller.clock.now(), 0.001, controller.state.received))
+    seen = subject.state.latest(1.0).value
+    names = {field.name for field in fields(ArmState)}
+    assert {name for name in names if getattr(seen, name) is not getattr(told, name)} == {"model"}
 
 
 def test_a_line_is_told_as_the_controller_takes_it_and_joints_go_as_they_are(

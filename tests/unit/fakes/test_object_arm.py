@@ -4,6 +4,7 @@ import asyncio
 import gc
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import aclosing
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -323,6 +324,21 @@ def test_samples_tell_what_the_arm_did_bit_by_bit_whatever_was_planned_before(sc
         await arm.close()
 
     run_virtual(scene())
+
+
+def test_samples_of_an_arm_at_rest_differ_by_their_stamp_alone(subject: Callable[[Scene], Any]) -> None:
+    async def scene(arm: ObjectArm) -> None:
+        arm.inject("speed-slider", fraction=0.5)
+        await arm.clock.sleep(0.5)
+        first, *others = (s.value for s in arm.state.between(arm.clock.now() - 0.1, arm.clock.now()))
+        names = [field.name for field in fields(ArmState)]
+        assert len(others) > 1
+        assert first.speed_scaling == 0.5
+        for other in others:
+            differ = [n for n in names if not np.array_equal(getattr(first, n), getattr(other, n))]
+            assert differ == ["stamp"]
+
+    subject(scene)
 
 
 def test_two_runs_give_the_same_samples_bit_by_bit() -> None:
