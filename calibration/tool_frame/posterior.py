@@ -225,17 +225,20 @@ class _Walks:
         size = np.abs(steps)
         felt = size > 1e-9 * np.max(size, axis=0)
         inverse = 1.0 / np.where(felt, size, 1.0)
+        all_felt = felt.all(axis=0).tolist()
         against = (steps < 0.0).astype(np.intp)
         for k, (direction, step) in enumerate(zip(directions.T, steps.T, strict=True)):
             ahead, behind = room[against[:, k], edges], room[1 - against[:, k], edges]
             ahead *= inverse[:, k, None]
             behind *= inverse[:, k, None]
-            if not felt[:, k].all():
+            if not all_felt[k]:
                 ahead[~felt[:, k]] = behind[~felt[:, k]] = np.inf
             t = self._on_line(direction, -behind.min(axis=0), ahead.min(axis=0))
             self.theta += direction[:, None] * t
-            room[0] = _within(room[0] - step[:, None] * t, 0.0, width)
-            np.subtract(width, room[0], out=room[1])
+            above, below = room
+            above -= step[:, None] * t
+            np.minimum(np.maximum(above, 0.0, out=above), width, out=above)
+            np.subtract(width, above, out=below)
 
     def _on_line(self, direction: Array, bottom: Array, top: Array) -> Array:
         """(count,) how far along the line: even between both ends, but for the prior."""
