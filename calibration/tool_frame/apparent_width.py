@@ -75,7 +75,7 @@ def _groups(crossings: Mapping[int, Crossing]) -> list[list[int]]:
     out: list[list[int]] = []
     for current in (False, True):
         own = sorted(
-            (k for k, c in crossings.items() if c.source.current == current),
+            (k for k, c in crossings.items() if c.source.current == current and not c.near_end),
             key=lambda k: float(np.mean(crossings[k].above)),
         )
         last = -np.inf

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.averaging import average, excess, robust
 from calibration.tool_frame.beam_lines import FoundBeam, beam_through, plane_gap, point_cov
-from calibration.tool_frame.bounds import At, LateralModel, Rows, rows_of, several_speeds
+from calibration.tool_frame.bounds import At, LateralModel, Rows, rows_of, with_speeds
 from calibration.tool_frame.centres import out_back
 from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
@@ -20,7 +20,7 @@ from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
 from calibration.tool_frame.scene import Refused, ToolFrameScene
-from calibration.tool_frame.selection import Selection, select
+from calibration.tool_frame.selection import Selection, marked_near_end, select
 from calibration.tool_frame.standstills import as_they_are, in_a_row
 from cell.poses import Array
 
@@ -93,7 +93,7 @@ class _Finding:
         _check_seen(seen)
         selection = select(scene, seen)
         places = CrossingPlaces(scene, frames)
-        crossings = {k: seen.crossings[k] for k in selection.across}
+        crossings = marked_near_end({k: seen.crossings[k] for k in selection.across}, seen)
         places.check(crossings)
         refuse_one_way(crossings)
         first = {b: min(places.used(crossings, b)) for b in BEAMS}
@@ -105,8 +105,8 @@ class _Finding:
             tuple(sorted(set(groups.values()) - {"reference"})),
             (),
             tuple(b for b in BEAMS if places.span(crossings, b) > TWO_HEIGHTS_M),
-            several_speeds=several_speeds(list(crossings.values())),
         )
+        model = with_speeds(model, crossings)
         rows, rejected = _without_blunders(crossings, groups, model)
         places.check(crossings)
         mean, cov, noise, spread = self._solved(rows, model, final, crossings)

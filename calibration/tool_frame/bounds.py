@@ -7,11 +7,13 @@ For edge ``k`` of a beam, seen at ``y`` along ``n`` with the reference's tool po
 ``b`` is the tilt that the beam sees, ``s`` and ``z`` the displacement of the tool's point along ``n`` and
 ``w`` (none for the reference), ``tau`` the delay, ``hysteresis`` a shift along the way that does not depend
 on the speed, ``lag`` how much later the input clears than it breaks. The places ``e_k`` are the same for the
-reference and for the current tool, both ways and all heights, so nothing is assumed about radius or symmetry.
+reference and for the current tool, both ways and all heights, so nothing is assumed about radius or symmetry;
+but for heights near the tool's end, where each finger is ``2 c`` narrower, evenly: ``e_k +- c``, with a ``c``
+of its own at each such height.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +22,12 @@ from calibration.tool_frame.crossings import Crossing
 from cell.poses import Array
 
 SPEEDS_DIFFER = 1.2
-_PRIOR = {"tau": 0.1, "lag": 0.1, "hysteresis": 2e-3, "shift": 0.1, "tilt": 0.5}
-_TRUST_AXIS_RAD = 1e-4
-_TRUST_STRAIGHT_RAD = 2e-4
+_PRIOR = {"tau": 0.1, "lag": 0.1, "hysteresis": 2e-3, "shift": 0.1, "tilt": 0.5, "narrower": 1e-3}
+# A pin in a holder and the finger of a gripper stand to a few milliradians as their drawings say: ISO 2768-1,
+# class m, allows 5.8 mrad over 50 to 120 mm.
+_TRUST_AXIS_RAD = 2e-3
+# Where heights are so close that no tilt is reported.
+_TRUST_UNSEEN_AXIS_RAD, _TRUST_STRAIGHT_RAD = 1e-4, 2e-4
 
 
 @dataclass(frozen=True)
@@ -32,8 +37,9 @@ class LateralModel:
     ``shifts`` are the groups of passes that are displaced against the reference's (named as their beam for
     the current set). ``tilts`` and ``own_tilts`` name the beams at which the current tool, and the reference,
     were seen at different heights, ``hints`` those of ``tilts`` whose heights are close together. ``delays``
-    is 1, or 2 when the reference and the current set have one each. ``free`` names unknowns that are clearly
-    not zero, where zero would be expected.
+    is 1, or 2 when the reference and the current set have one each, ``lag`` whether the tool was crossed at
+    several speeds where it is as wide as it gets, and ``near_ends`` are the heights of other crossings.
+    ``free`` names unknowns that are clearly not zero, where zero would be expected.
     """
 
     shifts: tuple[str, ...]
@@ -41,6 +47,8 @@ class LateralModel:
     own_tilts: tuple[str, ...] = ()
     delays: int = 1
     several_speeds: bool = False
+    lag: bool = False
+    near_ends: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
 
@@ -48,10 +56,13 @@ class LateralModel:
     def names(self) -> list[str]:
         found = ["tau"] if self.delays == 1 else ["tau", "tau_current"]
         if self.several_speeds:
-            found += ["hysteresis", "lag"]
+            found += ["hysteresis"]
+        if self.lag:
+            found += ["lag"]
         found += [f"shift {name}" for name in self.shifts]
         found += [f"tilt {name}" for name in self.tilts]
-        return found + [f"own tilt {name}" for name in self.own_tilts]
+        found += [f"own tilt {name}" for name in self.own_tilts]
+        return found + [f"narrower {name}" for name in self.near_ends]
 
     def column(self, name: str) -> int | None:
         names = self.names
@@ -65,10 +76,13 @@ class LateralModel:
 
     @property
     def trust(self) -> Array:
-        """(d,) scale of a Cauchy prior about zero: a reference's axis is most often what it is said to be,
-        and where the data clearly show another one they are believed. inf where there is none."""
+        """(d,) scale of a Cauchy prior about zero: a reference's axis is about what it is said to be, and
+        where the data clearly show another one they are believed. inf where there is none."""
         hints = {f"tilt {beam}": _TRUST_STRAIGHT_RAD for beam in self.hints}
-        own = {f"own tilt {beam}": _TRUST_AXIS_RAD for beam in self.own_tilts}
+        own = {
+            f"own tilt {beam}": _TRUST_UNSEEN_AXIS_RAD if beam in self.hints else _TRUST_AXIS_RAD
+            for beam in self.own_tilts
+        }
         known = {name: scale for name, scale in {**hints, **own}.items() if name not in self.free}
         return np.array([known.get(name, np.inf) for name in self.names])
 
@@ -120,9 +134,19 @@ class At:
     along_w: Mapping[str, float] = field(default_factory=dict)
 
 
-def several_speeds(crossings: Sequence[Crossing]) -> bool:
-    """Whether the passes are of clearly different speeds."""
-    speeds = [c.speed for c in crossings]
+def with_speeds(model: LateralModel, crossings: Mapping[int, Crossing]) -> LateralModel:
+    """``model`` with the unknowns that the speeds of the passes, and those near the tool's end, call for."""
+    whole = [c.speed for c in crossings.values() if not c.near_end]
+    near = sorted({c.near_end for c in crossings.values()} - {""})
+    return replace(
+        model,
+        several_speeds=_differ([c.speed for c in crossings.values()]),
+        lag=_differ(whole),
+        near_ends=tuple(near),
+    )
+
+
+def _differ(speeds: Sequence[float]) -> bool:
     return bool(speeds) and max(speeds) > SPEEDS_DIFFER * min(speeds)
 
 
@@ -155,6 +179,7 @@ def rows_of(
     X, base = np.zeros((len(low), len(column))), np.zeros(len(low))
     if model.several_speeds:
         X[:, column["hysteresis"]] = 0.5 * cos * np.sign(v)
+    if model.lag:
         X[:, column["lag"]] = 0.5 * cos * v * np.where(rising, -1.0, 1.0)
     for k, (beam, current, group) in enumerate(kinds):
         rows = of == k
@@ -165,6 +190,11 @@ def rows_of(
         if name in column:
             X[rows, column[name]] = -slope[rows]
             base[rows] = (-slope * tilt)[rows]
+    first = np.cumsum(count) - count
+    for begin, c in zip(first.tolist(), crossings.values(), strict=True):
+        if f"narrower {c.near_end}" in column:
+            inwards = np.where(np.arange(c.edges) % 2 == 0, 1.0, -1.0)
+            X[begin : begin + c.edges, column[f"narrower {c.near_end}"]] = inwards
     offset = sin * h + base
     return Rows(
         cos * low + offset,

@@ -26,7 +26,8 @@ class Crossing:
     middle of the interval; ``v`` (k,) m/s is the signed speed along ``n``,
     ``soft`` (k,) m what the polls' own times leave open, ``rising`` (k,) whether the beam was broken then.
     ``noise`` (m) is the scatter of the poses about lines, ``speed_change`` the greatest deviation of the
-    speed within the crossing, as a share.
+    speed within the crossing, as a share. ``near_end`` names the height of a crossing so near the tool's end
+    that the tool may be narrower there than further up; it is empty for the others.
     """
 
     source: Pass
@@ -39,6 +40,7 @@ class Crossing:
     rising: Array
     noise: float
     speed_change: float
+    near_end: str = ""
 
     @property
     def edges(self) -> int:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.tool_frame.averaging import robust
-from calibration.tool_frame.bounds import At, LateralModel, rows_of, several_speeds
+from calibration.tool_frame.bounds import At, LateralModel, rows_of, with_speeds
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS
 
@@ -14,7 +14,7 @@ TWO_HEIGHTS_M = 0.012  # less apart than this, a tilt is not reported
 SOME_HEIGHT_M = 0.002
 # Standard deviations. With one height no tilt is assumed, and said to be: it takes much to say otherwise,
 # as edges that fall on the polls alike in all passes look like some.
-_CLEARLY, _CLEARLY_WITH_ONE_HEIGHT = 3.5, 5.0
+_CLEARLY = 5.0
 _DELAY_S = 3e-4
 
 Crossings = Mapping[int, Crossing]
@@ -37,9 +37,9 @@ def choose_model(
         BEAMS,
         tilts,
         tuple(b for b in tilts if span[b, False] > SOME_HEIGHT_M),
-        several_speeds=several_speeds(list(crossings.values())),
         hints=tuple(b for b in tilts if min(span[b, False], span[b, True]) <= TWO_HEIGHTS_M),
     )
+    model = with_speeds(model, crossings)
     model, warnings = _delays(model, crossings, height)
     if not axis_known:
         own = tuple(f"own tilt {b}" for b in model.own_tilts)
@@ -65,7 +65,7 @@ def _delays(
     fit, _ = robust(rows_of(crossings, groups_of(crossings), apart, At(), height), apart)
     gap = float(fit.psi[0] - fit.psi[1])
     sigma = float(np.sqrt(fit.cov[0, 0] + fit.cov[1, 1] - 2.0 * fit.cov[0, 1]))
-    if abs(gap) < _DELAY_S or abs(gap) < _CLEARLY_WITH_ONE_HEIGHT * sigma:
+    if abs(gap) < _DELAY_S or abs(gap) < _CLEARLY * sigma:
         return model, []
     sense = "earlier" if gap > 0.0 else "later"
     return apart, [
@@ -74,13 +74,16 @@ def _delays(
 
 
 def _freed(model: LateralModel, crossings: Crossings, height: Heights) -> LateralModel:
-    """``model`` with those tilts freed that are expected to be none and clearly are some."""
-    doubted = [name for name, scale in zip(model.names, model.trust, strict=True) if np.isfinite(scale)]
+    """``model`` with those tilts freed that one height expects to be none and that clearly are some."""
+    doubted = {f"tilt {b}" for b in model.hints} | {f"own tilt {b}" for b in model.hints}
+    doubted &= set(model.names)
     if not doubted:
         return model
-    loose = replace(model, free=tuple(doubted))
+    loose = replace(model, free=tuple(name for name in model.names if name in doubted))
     fit, _ = robust(rows_of(crossings, groups_of(crossings), loose, At(), height), loose)
-    off = [k for k, name in enumerate(model.names) if name in doubted]
-    limit = _CLEARLY_WITH_ONE_HEIGHT if model.hints else _CLEARLY
-    clear = [k for k in off if abs(fit.psi[k]) > limit * np.sqrt(fit.cov[k, k])]
-    return replace(model, free=tuple(model.names[k] for k in clear))
+    clear = [
+        name
+        for k, name in enumerate(model.names)
+        if name in doubted and abs(fit.psi[k]) > _CLEARLY * np.sqrt(fit.cov[k, k])
+    ]
+    return replace(model, free=tuple(clear))

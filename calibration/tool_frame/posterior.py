@@ -1,20 +1,25 @@
 """Mean and covariance under the likelihood of intervals.
 
-Each edge is somewhere in its interval with equal probability, but for a little normal noise: its likelihood
-is ``Phi((high - u)/s) - Phi((low - u)/s)``. That is a polytope with soft faces, narrow and with corners,
-which no normal proposal fits; so it is walked through. Beside each edge's ``u`` stands where the input was
-seen to change, ``y = u - s z``, which lies in the interval, ``z`` being the noise. The steps are exact draws:
+Each edge is somewhere in its interval with equal probability, but for a little normal noise. Most of that is
+the arm's, which is off by nearly the same at both edges of a way: ``WITHIN`` of the noise's variance is an
+offset ``w`` of the way, the rest is the edge's own. Polls often come at the same phase of both edges, as a
+chord takes as long in every way, and two edges that were taken one by one would then tell the same thing
+twice. With ``w`` held the likelihood of an edge is ``Phi((high - u)/s) - Phi((low - u)/s)``. That is a
+polytope with soft faces, narrow and with corners, which no normal proposal fits; so it is walked through.
+Beside each edge's ``u`` stands where the input was seen to change, ``y = u + w - s z``, which lies in the
+interval, ``z`` being the noise of its own. The steps are exact draws:
 
-- ``y`` with ``u`` held: a normal cut off at the interval's ends;
-- the unknowns with all ``y`` held: normal, as in least squares. That goes far where noise is large;
-- the unknowns with all ``z`` held, along a line: even between the ends that the intervals leave. That goes
-  far where noise is small.
+- ``y`` with ``u`` and ``w`` held: a normal cut off at the interval's ends;
+- the unknowns with all ``y`` held: normal, as in least squares of edges that are off together, and then
+  ``w``. That goes far where noise is large;
+- the unknowns with all ``w`` and ``z`` held, along a line: even between the ends that the intervals leave.
+  That goes far where noise is small.
 
 Source of the pair of the last two: Yu and Meng, "To center or not to center" (2011); of the walk along
 lines: Smith, "Efficient Monte Carlo procedures" (1984). The noise is unknown as well and takes its own step,
-with ``y`` left open (Metropolis). Many walks go side by side from points that are spread as averaging says;
-their mean is what it would be after any number of sweeps to a tenth of a standard deviation. Random numbers
-are the same in every call.
+with ``y`` left open (Metropolis), once with ``w`` held and once with ``w`` in units of the noise. Many walks
+go side by side from points that are spread as averaging says; their mean is what it would be after any number
+of sweeps to a tenth of a standard deviation. Random numbers are the same in every call.
 """
 
 from dataclasses import dataclass
@@ -29,6 +34,10 @@ from calibration.tool_frame.repeatability import USUAL_WAY_M
 from cell.poses import Array
 
 MIN_SIGMA_M = 2e-7
+# Of the noise's variance, common to the edges of a way. An arm that is off by ``a`` at one standstill and by
+# ``b`` at the next is off by a blend of both between them: at a third and two thirds of the way 0.8. One that
+# goes all the way beside its path by the same: 1. In between, as it is not known which.
+WITHIN = 0.9
 _SEED = 20011
 _SETTLE = 40  # sweeps until the start is forgotten: it is after 25 to 35, of widths and noise of all kinds
 _ADAPT = (3, 6, 10, 15, 20, 30)  # after these the lines' directions are those of the walks' own spread
@@ -36,6 +45,7 @@ _KEEP = 24  # sweeps that count, worth two or three independent ones
 _WALKS_PER_UNKNOWN = 2  # at least, for directions that can be told
 _BEGIN = 0.03  # of the widths: noise at the start
 _STEP = 1.2  # of the logarithm of the noise
+_STEP_HELD = 1.7  # the same, where n offsets are held, which know it to 1/sqrt(2 n): by sqrt(n)
 _PLACE_SD_M = 10.0  # of an edge's place, before anything is seen
 _FAR = 36.0
 _POINTS_OF_NOISE = 101
@@ -43,8 +53,11 @@ _POINTS_OF_NOISE = 101
 
 @dataclass(frozen=True)
 class Noise:
-    """What single edges scatter by: ``sigma`` (m), the root of its mean square, and ``spread``, the standard
-    deviation of its logarithm; ``spread_before`` that before any data."""
+    """What single edges scatter by, with what they have in common with their way.
+
+    ``sigma`` (m) is the root of its mean square, and ``spread`` the standard deviation of its logarithm;
+    ``spread_before`` that before any data.
+    """
 
     sigma: float
     spread: float
@@ -128,6 +141,9 @@ class _Walks:
         self.low = (rows.low - self.A @ self.origin)[:, None]
         self.high = self.low + rows.width[:, None]
         self.soft2 = rows.soft[:, None] ** 2
+        sources, self.way = np.unique(rows.source, return_inverse=True)
+        self.of_way = (np.arange(len(sources))[:, None] == self.way).astype(float)
+        self.together = np.zeros((len(sources), count))  # ``w`` of each way
         self.width = float(np.median(rows.width))
         self.least = max(0.008 * self.width, MIN_SIGMA_M)
         self.most = max(0.5 * self.width, 2.0 * noise, 4.0 * MIN_SIGMA_M)
@@ -146,7 +162,8 @@ class _Walks:
         """Each unknown moves, along each of as many lines as there are unknowns."""
         self._trust()
         u = self.A @ self.theta
-        s, y = self._seen(u)
+        self._noise(u, in_units=False)
+        s, y = self._seen(u, *self._noise(u, in_units=True))
         self._all(y, s)
         self._lines(y)
 
@@ -161,30 +178,52 @@ class _Walks:
             scale = self.rng.exponential(size=x.shape) * 2.0 / (1.0 + x**2)
             self.prior[self.trusted] = self.precision[self.trusted][:, None] + scale / self.trust**2
 
-    def _seen(self, u: Array) -> tuple[Array, Array]:
-        """Noise with the places of change left open, and then these; (n, count) each."""
-        a, b, mirrored, s = self._cut(u, self.sigma)
-        chance = b - a
-        if self.known is None:
-            other = self.sigma * np.exp(_STEP * self.rng.standard_normal(self.count))
-            a1, b1, mirrored1, s1 = self._cut(u, _within(other, self.least, self.most))
-            chance1 = b1 - a1
-            gain = np.sum(np.log(np.maximum(chance1, 1e-300) / np.maximum(chance, 1e-300)), axis=0)
-            gain += self._noise_prior(other) - self._noise_prior(self.sigma)
-            take = (np.log(self.rng.random(self.count)) < gain) & (other >= self.least) & (other <= self.most)
-            self.sigma = np.where(take, other, self.sigma)
-            a, chance = np.where(take, a1, a), np.where(take, chance1, chance)
-            mirrored, s = np.where(take, mirrored1, mirrored), np.where(take, s1, s)
-        elif self.sigma[0] > self.known:
-            self.sigma = np.maximum(0.6 * self.sigma, self.known)
-        z = ndtri(_within(a + chance * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
+    def _noise(self, u: Array, in_units: bool) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+        """Noise with the places of change left open, and :meth:`_cut` with it. The ways' offsets are held,
+        ``in_units`` of the noise or as they are."""
+        cut = self._cut(u + self.together[self.way], self.sigma)
+        if self.known is not None:
+            if in_units and self.sigma[0] > self.known:
+                smaller = np.maximum(0.6 * self.sigma, self.known)
+                self.together *= smaller / self.sigma
+                self.sigma = smaller
+                cut = self._cut(u + self.together[self.way], self.sigma)
+            return cut
+        step = _STEP if in_units else _STEP_HELD / np.sqrt(len(self.together))
+        other = self.sigma * np.exp(step * self.rng.standard_normal(self.count))
+        inside = (other >= self.least) & (other <= self.most)
+        other = _within(other, self.least, self.most)
+        scale = other / self.sigma
+        together = self.together * scale if in_units else self.together
+        cut1 = self._cut(u + together[self.way], other)
+        gain = np.sum(np.log(np.maximum(_chance(cut1), 1e-300) / np.maximum(_chance(cut), 1e-300)), axis=0)
+        gain += self._noise_prior(other) - self._noise_prior(self.sigma)
+        if not in_units:
+            squares = np.sum(self.together**2, axis=0) / (WITHIN * self.sigma**2)
+            gain += 0.5 * squares * (1.0 - scale**-2) - len(self.together) * np.log(scale)
+        take = (np.log(self.rng.random(self.count)) < gain) & inside
+        self.sigma = np.where(take, other, self.sigma)
+        self.together = np.where(take, together, self.together)
+        return (
+            np.where(take, cut1[0], cut[0]),
+            np.where(take, cut1[1], cut[1]),
+            np.where(take, cut1[2], cut[2]),
+            np.where(take, cut1[3], cut[3]),
+        )
+
+    def _seen(
+        self, u: Array, a: Array, b: Array, mirrored: NDArray[np.bool_], s: Array
+    ) -> tuple[Array, Array]:
+        """Each edge's own noise and where its change was seen; (n, count) each."""
+        z = ndtri(_within(a + (b - a) * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
         z *= s
-        return s, _within(u + np.where(mirrored, -z, z), self.low, self.high)
+        centre = u + self.together[self.way]
+        return s, _within(centre + np.where(mirrored, -z, z), self.low, self.high)
 
     def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-        """The normal distribution at both ends of the intervals, mirrored into the lower tail; where it is
-        mirrored; and ``s``."""
-        s = np.sqrt(self.soft2 + sigma**2)
+        """The normal distribution about ``u`` at both ends of the intervals, mirrored into the lower tail;
+        where it is mirrored; and ``s``."""
+        s = np.sqrt(self.soft2 + (1.0 - WITHIN) * sigma**2)
         low, high = (self.low - u) / s, (self.high - u) / s
         mirrored = low + high > 0.0
         first, second = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
@@ -203,17 +242,25 @@ class _Walks:
         return float(np.sqrt(np.cov(log, aweights=weight)))
 
     def _all(self, y: Array, s: Array) -> None:
-        """All unknowns at once with the places of change held."""
+        """All unknowns at once with the places of change held, whatever the ways' offsets are; then these."""
         p = len(self.origin)
         weight = 1.0 / s**2
+        own = weight.T[:, :, None] * self.A  # (count, n, p)
+        of_ways = self.of_way @ own
+        known = 1.0 / (self.of_way @ weight + 1.0 / (WITHIN * self.sigma**2))  # variance of each offset
+        shared = of_ways * known.T[:, :, None]
         normal = (weight.T @ self.squares).reshape(self.count, p, p)
+        normal -= shared.transpose(0, 2, 1) @ of_ways
         normal[:, np.arange(p), np.arange(p)] += self.prior.T
         right = (self.A.T @ (weight * y) - self.prior * self.origin[:, None]).T
+        right -= np.einsum("cwp,wc->cp", shared, self.of_way @ (weight * y))
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", normal))
         root = np.linalg.cholesky(normal * scale[:, :, None] * scale[:, None, :])
         half = np.linalg.solve(root, (scale * right)[..., None])
         half += self.rng.standard_normal(half.shape)
         self.theta = (scale * np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]).T
+        mean = known * (self.of_way @ (weight * (y - self.A @ self.theta)))
+        self.together = mean + np.sqrt(known) * self.rng.standard_normal(known.shape)
 
     def _lines(self, y: Array) -> None:
         """Along one line after the other, with the noise of each edge held: ``y`` moves with the unknowns."""
@@ -250,6 +297,10 @@ class _Walks:
             new = old + there[self.trusted] / self.trust
             gain += np.sum(np.log1p(old**2) - np.log1p(new**2), axis=0)
         return np.where(np.log(self.rng.random(self.count)) < gain, t, 0.0)
+
+
+def _chance(cut: tuple[Array, Array, NDArray[np.bool_], Array]) -> Array:
+    return cut[1] - cut[0]
 
 
 def _within(x: Array, low: Array | float, high: Array | float) -> Array:

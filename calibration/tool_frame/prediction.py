@@ -17,7 +17,7 @@ from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
-from calibration.tool_frame.standstills import together, widened
+from calibration.tool_frame.standstills import one_by_one, together, widened
 from cell.poses import Array
 
 K95 = 1.96
@@ -108,7 +108,7 @@ def predict(
         )
         fit = average(rows, model, None, noise)
         found = posterior(rows, model, fit, noise, _POINTS, max(noise, 0.01 * slide))
-        cov = widened(rows, model, found.cov, noise, noise, together(rows, neighbours))
+        cov = widened(rows, model, found.cov, noise, noise, together(rows, neighbours), one_by_one(rows))
         told = _told(model, len(cov), tilted)
         covs.append(told @ cov @ told.T)
     mean = np.mean(covs, axis=0)

@@ -1,7 +1,7 @@
 """Which crossings tell where the tool is across the beams, and why the others do not."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ _SAME_HEIGHT_M = 2e-5
 _END_M = 2e-4  # an arm that repeats badly meets a tool one time and not the next over so great a height
 _SEARCHED_M = 3e-3  # hits and misses of a search in height are nearer to each other: it begins 2 mm above
 _NEAR_TIP = 0.6  # of the chord: so far above the tip a shorter chord is the tip's rounding
+_ROUND_END = 0.5  # of a finger's chord: from here on a round end is as wide as the finger
+_ANOTHER_HEIGHT_M = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,3 +120,40 @@ def _full_chord(crossings: Sequence[Crossing], depth: np.ndarray) -> float:
     far = depth > np.max(depth) - 0.5 * max(float(np.ptp(depth)), 1e-9) - _SAME_HEIGHT_M
     picked = [c for c, use in zip(crossings, far, strict=True) if use]
     return float(np.median([c.chord - c.slack for c in picked]))
+
+
+def marked_near_end(crossings: Mapping[int, Crossing], seen: PassContents) -> dict[int, Crossing]:
+    """``crossings``, of those in ``seen``, with names of the heights at which a round end is narrower.
+
+    How much narrower, polls at the speed of a search do not tell; and taken for the width of the tool, it
+    would look as if the input cleared early at that speed.
+    """
+    found = dict(crossings)
+    for beam in BEAMS:
+        for current in (False, True):
+            near = _near_end(_of(crossings, beam, current), _of(seen.crossings, beam, current))
+            number, last = 0, -np.inf
+            for k in near:
+                depth = -float(np.mean(crossings[k].above))
+                number += depth - last > _ANOTHER_HEIGHT_M
+                last = depth
+                name = f"{'current' if current else 'reference'} {beam} {number}"
+                found[k] = replace(crossings[k], near_end=name)
+    return found
+
+
+def _near_end(own: Mapping[int, Crossing], met: Mapping[int, Crossing]) -> list[int]:
+    """The places of those of ``own`` that are near the end, which is no lower than the highest of ``met``; in
+    their order upwards from the end. None when all are."""
+    if not own:
+        return []
+    end = max(float(np.mean(c.above)) for c in met.values())
+    depth = {k: end - float(np.mean(c.above)) for k, c in own.items()}
+    deepest = own[max(own, key=lambda k: depth[k])]
+    finger = float(np.max(np.diff(deepest.middle)[::2]))
+    near = sorted((k for k in own if depth[k] < _ROUND_END * finger), key=lambda k: depth[k])
+    return [] if len(near) == len(own) else near
+
+
+def _of(crossings: Mapping[int, Crossing], beam: str, current: bool) -> dict[int, Crossing]:
+    return {k: c for k, c in crossings.items() if (c.source.beam, c.source.current) == (beam, current)}

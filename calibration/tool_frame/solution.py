@@ -14,7 +14,7 @@ from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve
 from calibration.tool_frame.out_and_back import UNSEEN_DELAY, compared_ways
 from calibration.tool_frame.rise import Heights, Rise
 from calibration.tool_frame.scene import ToolFrameScene
-from calibration.tool_frame.selection import Selection
+from calibration.tool_frame.selection import Selection, marked_near_end
 from calibration.tool_frame.sufficiency import check_enough, selected
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
@@ -91,7 +91,7 @@ class _Solving:
         self.warnings += vertical.warnings
         rejected = dict(vertical.blunders)
         used = [k for k in selection.across if k not in rejected]
-        even, uneven = even_widths({k: seen.crossings[k] for k in used})
+        even, uneven = even_widths(marked_near_end({k: seen.crossings[k] for k in used}, seen))
         self.warnings += uneven
         crossings, removed = without_blunders(even, vertical.height)
         rejected |= removed

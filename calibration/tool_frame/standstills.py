@@ -1,11 +1,11 @@
-"""Ways that are off together, and what that leaves of a solution that took their edges one by one.
+"""Ways that are off together, and what that leaves of a solution that took them one by one.
 
 The arm comes to rest off by its repeatability, and under way it is off by a part of the standstill behind and
-a part of the one ahead. So both edges of one way are off by the same, and of two ways that have a standstill
-in common each has half of its variance from there. A solution that takes each edge as off by itself is nearly
-the best one, but its covariance is too small: as that of any least squares whose weights are not those of the
-data, it is ``G C G'`` with the gain ``G`` of the solution and the true covariance ``C`` of the edges (Huber
-1967, White 1982).
+a part of the one ahead. So both edges of one way are off by nearly the same, which the solution knows, and of
+two ways that have a standstill in common each has half of its variance from there, which it does not. A
+solution that takes each way as off by itself is nearly the best one, but its covariance is too small: as that
+of any least squares whose weights are not those of the data, it is ``G C G'`` with the gain ``G`` of the
+solution and the true covariance ``C`` of the edges (Huber 1967, White 1982).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from calibration.tool_frame.averaging import design, precision_before
 from calibration.tool_frame.bounds import LateralModel, Rows
-from calibration.tool_frame.posterior import Noise
+from calibration.tool_frame.posterior import WITHIN, Noise
 from calibration.tool_frame.scene import Pass
 from cell.poses import Array
 
@@ -29,16 +29,16 @@ _LEAST = 1e-3  # share of the intervals' variance
 def as_they_are(
     rows: Rows, model: LateralModel, cov: Array, noise: Noise, neighbours: Sequence[tuple[int, int]]
 ) -> tuple[Array, Noise]:
-    """What edges taken one by one gave, the covariance (d + m, d + m) and the noise, for ways of which
+    """What ways taken one by one gave, the covariance (d + m, d + m) and the noise, for ways of which
     ``neighbours`` share a standstill."""
-    R = together(rows, neighbours)
+    R, known = together(rows, neighbours), one_by_one(rows)
     # What the edges tell of the noise is told by fewer of them, and is too small; not what was known before.
     told = max(noise.spread**-2 - noise.spread_before**-2, 0.0)
-    spread = float((told / fewer(R) + noise.spread_before**-2) ** -0.5)
-    sigma = noise.sigma * unseen(rows, R) ** (told * noise.spread**2)
+    spread = float((told * fewer(known) / fewer(R) + noise.spread_before**-2) ** -0.5)
+    sigma = noise.sigma * (unseen(rows, R) / unseen(rows, known)) ** (told * noise.spread**2)
     # Noise that may be larger is, in the mean of its square.
     larger = float(np.exp(max(spread**2 - noise.spread**2, 0.0)))
-    found = widened(rows, model, cov, noise.sigma, sigma * larger, R)
+    found = widened(rows, model, cov, noise.sigma, sigma * larger, R, known)
     return found, Noise(sigma, spread, noise.spread_before)
 
 
@@ -65,6 +65,14 @@ def together(rows: Rows, neighbours: Sequence[tuple[int, int]]) -> Array:
     return found
 
 
+def one_by_one(rows: Rows) -> Array:
+    """(n, n) correlation of what the arm does to the edges, as a solution has it that knows ways alone."""
+    same = rows.source[:, None] == rows.source
+    found: Array = np.where(same, WITHIN, 0.0)
+    np.fill_diagonal(found, 1.0)
+    return found
+
+
 def fewer(R: Array) -> float:
     """By how much fewer edges, each off by itself, would tell the noise as well as those of correlation
     ``R`` (n, n)."""
@@ -80,9 +88,11 @@ def unseen(rows: Rows, R: Array) -> float:
     return float(np.sqrt(np.sum(rest**2) / np.sum((rest @ R) * rest)))
 
 
-def widened(rows: Rows, model: LateralModel, cov: Array, seen: float, sigma: float, R: Array) -> Array:
-    """``cov`` (d + m, d + m), found with edges that are off by ``seen`` (m) each by itself, for edges off by
-    ``sigma`` (m) with the correlation ``R`` (n, n).
+def widened(
+    rows: Rows, model: LateralModel, cov: Array, seen: float, sigma: float, R: Array, known: Array
+) -> Array:
+    """``cov`` (d + m, d + m), found with edges that are off by ``seen`` (m) with the correlation ``known``
+    (n, n), for edges off by ``sigma`` (m) with the correlation ``R`` (n, n).
 
     Intervals laid over each other tell more than their middles: of their variance so much is counted that
     least squares is as good as ``cov``.
@@ -95,17 +105,18 @@ def widened(rows: Rows, model: LateralModel, cov: Array, seen: float, sigma: flo
     even = rows.width**2 / 12.0 + rows.soft**2 + 1e-16
 
     def solved(share: float) -> tuple[Array, Array]:
-        """Covariance and weights (n,) of least squares with that ``share`` of the intervals' variance."""
-        weight: Array = 1.0 / (share * even + seen**2)
-        return np.asarray(np.linalg.inv((A.T * weight) @ A + before), dtype=float), weight
+        """Covariance and weighted design (d + m, n) of least squares with that ``share`` of the intervals'
+        variance."""
+        weighted = np.asarray(np.linalg.solve(np.diag(share * even) + seen**2 * known, A), dtype=float).T
+        return np.asarray(np.linalg.inv(weighted @ A + before), dtype=float), weighted
 
     def excess(log_share: float) -> float:
         return float(np.linalg.slogdet(solved(float(np.exp(log_share)))[0][:d, :d])[1]) - wanted
 
     wanted = float(np.linalg.slogdet(stated[:d, :d])[1])
     share = float(np.exp(_between(excess, float(np.log(_LEAST)), 0.0)))
-    alone, weight = solved(share)
-    G: Array = alone @ (A.T * weight)
+    alone, weighted = solved(share)
+    G: Array = alone @ weighted
     as_one = G @ (np.diag(share * even) + sigma**2 * R) @ G.T + alone @ before @ alone
     turn = np.asarray(np.linalg.solve(_root(alone).T, _root(stated).T).T, dtype=float)
     found: Array = turn @ as_one @ turn.T * np.outer(scale, scale)

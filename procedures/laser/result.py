@@ -77,7 +77,7 @@ class LaserAnswer(Part):
     tau: Seconds | None = Field(description="How much later the input is than its stamps say.")
     hysteresis_m: Metres | None = Field(description="Shift of the edges along the way; null with one speed.")
     lag_s: Seconds | None = Field(
-        description="How much later the input clears than it breaks; null with one speed."
+        description="How much later the input clears than it breaks; null with one speed at the full width."
     )
     cov: Covariance | None = Field(
         description="Displacement, then turn, in the axes of the flange; zero in what is not determined."
@@ -269,7 +269,7 @@ class ReferenceAnswer(Part):
     tau: Seconds | None = Field(description="How much later the inputs are than their stamps say.")
     hysteresis_m: Metres | None = Field(description="Shift of the edges along the way; null with one speed.")
     lag_s: Seconds | None = Field(
-        description="How much later the input clears than it breaks; null with one speed."
+        description="How much later the input clears than it breaks; null with one speed at the full width."
     )
     plane: Plane = Field(description="How level and flat the beams are.")
     axis_turn_flange: Turn | None = Field(description="Turn of the tool's axis that the passes show.")

@@ -225,11 +225,13 @@ def _observability(solution: Solution) -> LaserObservability:
     model = solution.lateral.model
     spin, tilt = 1, 0 if solution.drot is not None else 2
     height = 1 if solution.z_sigma is None else 0
-    switching = "hysteresis, and clearing later than breaking: with one speed part of tau and of the chord"
+    switching = "hysteresis: with one speed it is part of tau"
+    clearing = "clearing later than breaking: with one speed at the tool's full width, part of the chord"
+    unseen = ([] if model.several_speeds else [switching]) + ([] if model.lag else [clearing])
     return LaserObservability(
         rank=6 - spin - tilt - height,
         of=6,
-        undetermined=[*solution.undetermined, *([] if model.several_speeds else [switching])],
+        undetermined=[*solution.undetermined, *unseen],
         unknowns=model.names,
         own_tilt_rad={b: solution.lateral.value(f"own tilt {b}") for b in model.own_tilts},
         edges_m={b: solution.lateral.edges(b).tolist() for b in BEAMS},

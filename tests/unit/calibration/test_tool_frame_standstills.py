@@ -8,7 +8,15 @@ from calibration.tool_frame.averaging import average, excess
 from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.scene import Pass
-from calibration.tool_frame.standstills import as_they_are, fewer, in_a_row, together, unseen, widened
+from calibration.tool_frame.standstills import (
+    as_they_are,
+    fewer,
+    in_a_row,
+    one_by_one,
+    together,
+    unseen,
+    widened,
+)
 
 SLIDE, SPEED = 1e-4, 0.02
 MODEL = LateralModel(("xs", "ys"))
@@ -45,22 +53,22 @@ def made(seed: int, pairs: int, rest_m: float) -> tuple[Rows, Neighbours, np.nda
 
 
 def squared_errors(rest_m: float, pairs: int, seeds: range) -> tuple[np.ndarray, np.ndarray]:
-    """In units of the covariance, with edges taken one by one and with those of such ways; 3 is right."""
-    one_by_one, subject = [], []
+    """In units of the covariance, with ways taken one by one and with those of such ways; 3 is right."""
+    alone, subject = [], []
     for seed in seeds:
         rows, neighbours, truth = made(seed, pairs, rest_m)
         fit = average(rows, MODEL)
         found = posterior(rows, MODEL, fit, excess(rows, fit.rest, np.ones(len(rows.low))), 768)
         cov, _ = as_they_are(rows, MODEL, found.cov, found.noise, neighbours)
         e = found.mean[:3] - truth
-        one_by_one.append(e @ np.linalg.solve(found.cov[:3, :3], e))
+        alone.append(e @ np.linalg.solve(found.cov[:3, :3], e))
         subject.append(e @ np.linalg.solve(cov[:3, :3], e))
-    return np.array(one_by_one), np.array(subject)
+    return np.array(alone), np.array(subject)
 
 
 def test_the_covariance_is_that_of_ways_that_share_their_standstills() -> None:
-    one_by_one, subject = squared_errors(6e-5, 6, range(30))
-    assert np.mean(one_by_one) > 5.0
+    alone, subject = squared_errors(6e-5, 6, range(30))
+    assert np.mean(alone) > 5.0
     assert 1.8 < np.mean(subject) < 4.2
     assert np.mean(subject < chdtri(3, 0.05)) >= 0.85
 
@@ -69,15 +77,16 @@ def test_an_arm_that_repeats_perfectly_leaves_the_covariance_as_it_was() -> None
     rows, neighbours, _ = made(3, 4, 0.0)
     fit = average(rows, MODEL)
     found = posterior(rows, MODEL, fit, 0.0, 768, known_noise=2e-7)
-    subject = widened(rows, MODEL, found.cov, 2e-7, 2e-7, together(rows, neighbours))
+    subject = widened(rows, MODEL, found.cov, 2e-7, 2e-7, together(rows, neighbours), one_by_one(rows))
     assert np.sqrt(np.diag(subject)[:3]) == pytest.approx(np.sqrt(np.diag(found.cov)[:3]), rel=0.02)
 
 
-def test_edges_that_are_off_each_by_itself_leave_it_as_it_was() -> None:
+def test_ways_that_are_off_each_by_itself_leave_it_as_it_was() -> None:
     rows, _, _ = made(4, 4, 4e-5)
     fit = average(rows, MODEL)
     found = posterior(rows, MODEL, fit, 3e-5, 768)
-    subject = widened(rows, MODEL, found.cov, found.noise.sigma, found.noise.sigma, np.eye(len(rows.low)))
+    sigma, known = found.noise.sigma, one_by_one(rows)
+    subject = widened(rows, MODEL, found.cov, sigma, sigma, known, known)
     assert np.sqrt(np.diag(subject)) == pytest.approx(np.sqrt(np.diag(found.cov)), rel=1e-3)
 
 
