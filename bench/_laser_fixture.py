@@ -8,11 +8,12 @@ from tests.kit.ideal_world import ideal_text, shipped_text
 
 RIM, THIN_M, PIN_M = 16, 5e-5, 0.003
 HEIGHT_M = 2.5e-3  # the beams are up to so much higher or lower
+LEAN_RAD = 2e-3  # standard deviation about each axis; fakes/likely/arm.py has the source
 
 
 def scenario(kind: str, sigma_m: float, seed: int, ideal: bool = False) -> str:
     """The shipped scenario, or its ideal world. ``kind`` is round or flat, ``sigma_m`` the arm's standard
-    deviation of one axis; the beams' heights are drawn from ``seed``."""
+    deviation of one axis; the beams' heights and how the tool leans are drawn from ``seed``."""
     rng = np.random.default_rng([seed, 5])
     low = 0.25 + rng.uniform(-HEIGHT_M, HEIGHT_M)
     text = (ideal_text if ideal else shipped_text)("laser")
@@ -20,6 +21,9 @@ def scenario(kind: str, sigma_m: float, seed: int, ideal: bool = False) -> str:
     text = _with(text, "repeatability_t_m = 0.0000139", f"repeatability_t_m = {sigma_m:.7f}")
     text = _with(text, "[-0.45, 0.45, 0.25]", f"[-0.45, 0.45, {low:.7f}]")
     text = _with(text, "[-0.45, 0.45, 0.2503]", f"[-0.45, 0.45, {low + rng.uniform(0.0, 4e-4):.7f}]")
+    if not ideal:
+        x, y = LEAN_RAD * rng.standard_normal(2)
+        text = _with(text, "lean_rad = [0.0015, -0.001]", f"lean_rad = [{x:.7f}, {y:.7f}]")
     if kind == "flat":
         begin = text.index("shape = [")
         text = text[:begin] + f"shape = [{', '.join(_flat_end())}]" + text[text.index("\n", begin) :]

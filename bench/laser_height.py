@@ -5,9 +5,9 @@ time, 15 to 20 s of processor time each: a reference, a bump, an update, a check
 and a check after one more bump by the size that is promised to be found. A cell is the tool's end, the arm's
 standard deviation of one axis in um, and ``late`` when one poll of ten comes up to 40 ms late: ``round-14``,
 ``flat-30-late``; those that are late have no checks. The world is the scenario ``laser`` as it is shipped,
-whose arm has gears, sag, and links that its kinematics do not know; ``flat-30-ideal`` has none of that. With
-``--keep FILE`` a bench that was ended goes on where it was. Heights of the beams and bumps are drawn anew
-each time. ``bench.laser_height_wire`` does the same in real time.
+with gears, sag, and links that the arm's kinematics do not know, and a tool that leans; ``flat-30-ideal`` has
+none of that. With ``--keep FILE`` a bench that was ended goes on where it was. Heights of the beams, leans
+and bumps are drawn anew each time. ``bench.laser_height_wire`` does the same in real time.
 """
 
 import argparse

@@ -22,7 +22,7 @@ CLOCK = "fakes.object:VirtualClock"
 LATEST_S = 0.2  # by which the stamps of a twin's camera or encoder may be late or early
 _SIGMAS = 5.0  # that no draw is beyond
 _HALF95 = 1.96  # standard deviations
-_ARM_LATE, _CAMERA_LATE, _ENCODER_LATE = 0xA5, 0xA6, 0xA7  # beside the seed
+_ARM_LATE, _CAMERA_LATE, _ENCODER_LATE, _TOOL = 0xA5, 0xA6, 0xA7, 0xA8  # beside the seed
 
 
 def likely_scenario(known: KnownCell, seed: int) -> str:
@@ -41,7 +41,7 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
     world: dict[str, Any] = {
         "seed": seed,
         "arm": draw_arm(known, rngs["arm"], arm_late_s),
-        "tool": draw_tool(known),
+        "tool": draw_tool(known, np.random.default_rng([seed, _TOOL])),
     }
     if known.camera is not None:
         world |= draw_camera(known.camera, arm, rngs["camera"])

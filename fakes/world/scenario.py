@@ -35,6 +35,7 @@ IDEAL_SUFFIX = ":ideal"
 IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out; see left_out
     "": ("target_print",),
     "arm": ("servo", "reported", "joint_errors", "error"),
+    "tool": ("lean_rad",),
     "observed": ("joint_errors",),
     "camera": (
         "told",

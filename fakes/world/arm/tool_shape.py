@@ -24,7 +24,8 @@ class ToolShape:
 
     def __init__(self, t: float, truth: ToolTruth) -> None:
         self.T_nominal = from_pose6(truth.T_flange_tool)
-        self.axes: Array = np.array([(c.from_, c.to) for c in truth.shape], dtype=float)  # (n, 2, 3)
+        lean = Rotation.from_rotvec([*truth.lean_rad, 0.0]).as_matrix()
+        self.axes: Array = np.array([(c.from_, c.to) for c in truth.shape], dtype=float) @ lean.T  # (n, 2, 3)
         self.radii: Array = np.array([c.radius_m for c in truth.shape])
         self.listeners: list[Callable[[Bend], None]] = []
         self._bends: list[Bend] = [(t, (0.0,) * 6)]

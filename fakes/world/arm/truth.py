@@ -170,3 +170,7 @@ class ToolTruth(Strict):
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
     payload_kg: float = Field(default=1.2, ge=0, le=50)
     shape: list[CapsuleTruth] = Field(default_factory=_pin, min_length=1)
+    lean_rad: tuple[float, float] = Field(
+        default=(0.0, 0.0),
+        description="the shape stands turned by this about the tool's x and y, at its point",
+    )
