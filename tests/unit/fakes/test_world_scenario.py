@@ -10,8 +10,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from typer.testing import CliRunner
 
 from cell.errors import CellError, InputError
+from cell.known_cell import KnownBeams, KnownCell
 from cell.poses import from_pose6, log_xi
 from fakes import cli
+from fakes.likely.arm import draw_tool
 from fakes.world.arm.kinematics import chain
 from fakes.world.scenario import Scenario
 from fakes.world.targets import target_points
@@ -292,3 +294,26 @@ def test_nothing_of_the_board_is_near_the_beams() -> None:
         corners = from_pose6(mount).apply(points)
         for beam in bay.beams.values():
             assert np.linalg.norm(corners - np.array(beam.point), axis=1).min() > 0.4
+
+
+def test_a_tool_that_leans_stands_on_its_point_and_straight_in_an_ideal_world() -> None:
+    leaning, straight = (World.from_scenario(Scenario.load(name)).tool for name in ("laser", "laser:ideal"))
+    point, reach = straight.T_nominal.translation, 0.054
+    leaning_ends, straight_ends = leaning.ends_at(0.0)[0][0], straight.ends_at(0.0)[0][0]
+    off = leaning_ends - straight_ends
+    # About x by 1.5 mrad and about y by -1 mrad: the far end of an axis that points back along z.
+    assert off[1] - off[0] == pytest.approx([0.001 * reach, 0.0015 * reach, 0.0], abs=2e-7)
+    for ends in (leaning_ends, straight_ends):
+        assert np.linalg.norm(ends[0] - point) == pytest.approx(0.003, abs=1e-9)
+
+
+def test_likely_tools_lean_by_a_few_milliradians() -> None:
+    known = KnownCell(
+        robot={"model": "ur10e"},
+        tool={"name": "pin", "T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0], "radius_m": 0.03},
+        payload_kg=1.0,
+        q_start=[0.0] * 6,
+        beams=KnownBeams({}, 0.003, 0.05),
+    )
+    leans = [draw_tool(known, np.random.default_rng(seed))["lean_rad"] for seed in range(200)]
+    assert np.std(leans, axis=0) == pytest.approx([0.002, 0.002], rel=0.15)
