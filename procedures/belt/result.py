@@ -31,7 +31,10 @@ class BeltAnswer(Part):
     m_per_count: Metres = Field(description="Travel of one count.")
     dir: Direction = Field(description="Unit vector along which the belt runs, in the base (1).")
     m_per_count_95: Annotated[Interval, Unit("m")] | None = Field(description="95 % interval of the travel.")
-    dir_95_rad: Radians | None = Field(description="Half of the 95 % interval of the direction.")
+    dir_95_rad: Radians | None = Field(
+        description="Half of the 95 % interval of the direction, seen from above or in height, whichever is "
+        "wider."
+    )
     travel_m: Metres = Field(description="Longest way of one item.")
     sightings: int = Field(description="Sightings that were used.")
     items: int = Field(description="Items that they are of.")
@@ -41,9 +44,18 @@ class BeltUncertainty(Part):
     """Of the answer."""
 
     half_m_per_count: Metres | None = Field(description="Half of the 95 % interval of the travel.")
-    half_dir_rad: Radians | None = Field(description="Half of that of the direction.")
+    half_dir_rad: Radians | None = Field(
+        description="Half of that of the direction, the wider of the two that follow."
+    )
     half_level_rad: Radians | None = Field(
-        default=None, description="Half of that of the direction in the level plane, by which picks go."
+        default=None,
+        description="Half of that of the direction seen from above, by which picks go; `max_dir_rad` is its "
+        "limit.",
+    )
+    half_rise_rad: Radians | None = Field(
+        default=None,
+        description="Half of that of how the direction rises, by which the tool is too high or too low at "
+        "an item; `max_rise_rad` is its limit.",
     )
     cov: BeltCovariance | None = Field(description="3x3, of `m_per_count` times `dir` (m^2).")
     mostly_from: str | None = Field(
@@ -104,6 +116,13 @@ class BeltCalibrationResult(Envelope):
     heldout: BeltHeldOut
     observability: BeltObservability
     inputs: BeltInputs
+
+    def direction_95_rad(self) -> tuple[float | None, float | None]:
+        """Halves of the 95 % intervals of the direction seen from above and of how it rises; those of
+        results of before these were stated are the wider of both."""
+        wider, of = self.result.dir_95_rad, self.uncertainty
+        level, rise = of.half_level_rad, of.half_rise_rad
+        return wider if level is None else level, wider if rise is None else rise
 
     def main_figure(self) -> MainFigure:
         half = self.uncertainty.half_m_per_count

@@ -1,7 +1,7 @@
 """A belt and picks from it beside the twin's truth: its motion, and where the tool truly met each item."""
 
 from collections.abc import Mapping
-from math import asin, degrees
+from math import atan2, degrees, pi, remainder
 from pathlib import Path
 from typing import Any
 
@@ -9,32 +9,44 @@ import numpy as np
 from scipy.special import bdtr
 
 from cell.errors import error
+from cell.poses import Array
 from procedures.belt.result import BeltCalibrationResult, BeltTrackingResult
-from procedures.beside_truth import SURE_SCALAR, SURE_TILT, Judged, all_inside
+from procedures.beside_truth import SURE_SCALAR, Judged, all_inside
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 LARGEST = "the largest contact"
-TRAVEL, DIRECTION = "travel of one count", "direction"
+TRAVEL, DIRECTION, RISE = "travel of one count", "direction", "rise"
 
 
 def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: Path) -> Judged:
-    """Travel of one count and direction against the true ones, within their stated 95 % limits."""
+    """Travel of one count, direction seen from above and its rise against the true ones, within their stated
+    95 % limits. The row has no rise, which moves no contact beside its item."""
     found, true = result.result, truth["belt"]
-    half, turn95 = result.uncertainty.half_m_per_count, found.dir_95_rad
-    if half is None or turn95 is None:
+    half, (turn95, rise95) = result.uncertainty.half_m_per_count, result.direction_95_rad()
+    if half is None or turn95 is None or rise95 is None:
         raise error("SOLVE_REFUSED", "the result has no uncertainty")
     off = abs(found.m_per_count - true["m_per_count"]) / abs(true["m_per_count"])
     share = half / abs(true["m_per_count"])
-    turn = asin(min(float(np.linalg.norm(np.cross(found.dir, true["dir"]))), 1.0))
-    good = off <= SURE_SCALAR * share and turn <= SURE_TILT * turn95
+    turn, rise = _turned(np.array(found.dir), np.array(true["dir"]))
+    of95 = {TRAVEL: off / share, DIRECTION: turn / turn95, RISE: rise / rise95}
+    good = all(part <= SURE_SCALAR for part in of95.values())
     stated = f"{TRAVEL} {100 * share:.3f} %, {DIRECTION} {degrees(turn95):.3f} deg (95 %)"
     apart = f"{TRAVEL} {100 * off:.3f} %, {DIRECTION} {degrees(turn):.3f} deg"
     words = "consistent with" if good else "NOT consistent with"
-    text = f"off by: {apart}\n{words} the stated limits, {stated}"
-    of95 = {TRAVEL: off / share, DIRECTION: turn / turn95}
-    limits95 = {TRAVEL: (share, "1"), DIRECTION: (turn95, "rad")}
+    text = (
+        f"off by: {apart}, {RISE} {degrees(rise):.3f} deg\n{words} the stated limits, {stated}, "
+        f"{RISE} {degrees(rise95):.3f} deg"
+    )
+    limits95 = {TRAVEL: (share, "1"), DIRECTION: (turn95, "rad"), RISE: (rise95, "rad")}
     return Judged(good, text, stated, apart, all_inside(of95), of95, limits95)
+
+
+def _turned(found: Array, true: Array) -> tuple[float, float]:
+    """By how much a direction (3,) is off another one seen from above, and by how much more it rises, rad."""
+    level = atan2(found[1], found[0]) - atan2(true[1], true[0])
+    rise = atan2(found[2], float(np.linalg.norm(found[:2]))) - atan2(true[2], float(np.linalg.norm(true[:2])))
+    return abs(remainder(level, 2.0 * pi)), abs(rise)
 
 
 def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:

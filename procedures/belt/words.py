@@ -13,8 +13,10 @@ def belt_calibration_lines(found: BeltCalibrationResult) -> list[str]:
     answer, way, interval = found.result, found.result.dir, found.result.m_per_count_95
     sure = "" if interval is None else f" (95 %: {_UM * interval[0]:.3f} to {_UM * interval[1]:.3f})"
     lines = [f"  one count moves the belt by {_UM * answer.m_per_count:.3f} um{sure}"]
-    turn = answer.dir_95_rad
-    within = "" if turn is None else f", within {1e3 * turn:.2f} mrad (95 %)"
+    level, rise = found.direction_95_rad()
+    within = "" if level is None else f", within {1e3 * level:.2f} mrad (95 %)"
+    if rise is not None:
+        within += f"; its rise within {1e3 * rise:.2f} mrad"
     axes = ", ".join(f"{v:.5f}" for v in way)
     angle = degrees(atan2(way[1], way[0]))
     lines.append(f"  dir = [{axes}] in the base, {angle:.3f} deg from x{within}")

@@ -13,10 +13,28 @@ class Acceptance(BaseModel):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
     model_config = _STRICT
+    # Defaults that a sound cell meets: an OAK-D 0.8 m above the belt leaves 0.10 % (at most 0.15 %), 0.5 mrad
+    # seen from above and 3.4 mrad (at most 4.7 mrad) of the rise, however many items pass.
     max_scale_share: float = Field(
-        default=0.001, gt=0, le=0.1, description="half of the 95 % interval of m_per_count, as a share of it"
+        default=0.002,
+        gt=0,
+        le=0.1,
+        description="half of the 95 % interval of m_per_count, as a share of it: 0.002 is 1.4 mm along the "
+        "belt after 0.7 m",
     )
-    max_dir_rad: float = Field(default=0.002, gt=0, le=0.1, description="half of the 95 % interval of dir")
+    max_dir_rad: float = Field(
+        default=0.002,
+        gt=0,
+        le=0.1,
+        description="half of the 95 % interval of dir seen from above, which puts contacts beside the item",
+    )
+    max_rise_rad: float = Field(
+        default=0.007,
+        gt=0,
+        le=0.1,
+        description="half of the 95 % interval of how dir rises, which has the tool too high or too low at "
+        "the item: 7 mrad are 5 mm after 0.7 m",
+    )
     max_heldout_m: float = Field(default=0.001, gt=0, le=0.1, description="RMS of sightings set aside")
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
@@ -49,7 +67,7 @@ class BeltCalibrationConfig(BaseModel):
     items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
     sightings: int = Field(default=200, ge=10, le=2000, description="camera: take so many at least")
     # Over half a metre too few items passed to tell the camera's own pattern over the picture from a scale,
-    # and one belt of six was known no better than max_scale_share; over this way all were.
+    # and one belt of six was known to 0.1 % and no better; over this way all were.
     travel_m: float = Field(
         default=1.5, gt=0, le=20, description="camera: and watch for so long a way of the items"
     )

@@ -14,11 +14,20 @@ from cell.formats.intercept import ItemsCamera
 from cell.formats.reading import parse_part
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
+from procedures.belt.calibrating.config import Acceptance
 from procedures.belt.calibrating.delay import DELAY, with_delay
 from procedures.belt.calibrating.record import read_data_set
 from procedures.belt.calibrating.rows import SightingRows, parts_of, rows_of
 from procedures.belt.calibrating.slip import SURE, Parted, WheelSlip, part_at_slips
-from procedures.belt.calibrating.spread import LENS, lens_slopes, spread, with_camera, with_doubt, with_lens
+from procedures.belt.calibrating.spread import (
+    LENS,
+    PICTURE,
+    lens_slopes,
+    spread,
+    with_camera,
+    with_doubt,
+    with_lens,
+)
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.result import (
     BeltAnswer,
@@ -38,6 +47,9 @@ _STANDS_COUNTS = 2.0
 _BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
 _LONGER = "let more items pass, over a longer way"
 _REMEDIES = {
+    PICTURE: "mostly because of what the camera gets wrong over its picture, alike for all items, of which "
+    "more of them show little: let it look from nearer by, or by a finer pair (stereo_height, "
+    "stereo_subpixel_bits), or take the limit that your picks allow",
     LENS: "mostly because the camera's calibration has no lens for these pictures: run cone-capture",
     DELAY: "mostly because counts may be late against pictures: keep the belt at an even speed while items "
     "are in view",
@@ -90,7 +102,8 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
         )
         warnings.append(Warning_(code="belt.both-ways", text=text))
     remedy = _LONGER if sure is None else _REMEDIES.get(sure.by, _LONGER)
-    reasons = _beyond(answer, config["accept"], remedy)
+    level, rise = (answer.half_angle,) * 2 if sure is None else (sure.half_level, sure.half_rise)
+    reasons = _beyond(answer, level, rise, Acceptance(**config["accept"]), remedy)
     if parted.left is not None:
         reasons.append(
             f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; repair the wheel"
@@ -104,7 +117,8 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
         uncertainty=BeltUncertainty(
             half_m_per_count=answer.half_scale,
             half_dir_rad=answer.half_angle,
-            half_level_rad=answer.half_angle if sure is None else sure.half_level,
+            half_level_rad=level,
+            half_rise_rad=rise,
             cov=None if answer.cov is None else answer.cov.tolist(),
             mostly_from=None if sure is None else sure.by,
         ),
@@ -200,26 +214,38 @@ def _result(answer: BeltScale, sense: float, way: Any, items: int) -> BeltAnswer
     )
 
 
-def _beyond(answer: BeltScale, limits: Mapping[str, Any], remedy: str) -> list[str]:
-    """The limits that the answer misses, each in a sentence; ``remedy`` is what makes the scale surer."""
+def _beyond(
+    answer: BeltScale, level: float | None, rise: float | None, limits: Acceptance, remedy: str
+) -> list[str]:
+    """The limits that the answer misses, each in a sentence; ``level`` and ``rise`` are the halves of its
+    direction's intervals (rad), ``remedy`` is what makes the scale surer."""
     reasons = []
-    half, angle, heldout = answer.half_scale, answer.half_angle, answer.heldout
-    if half is None or angle is None:
-        return ["the intervals are not known, so they cannot be held against max_scale_share and max_dir_rad"]
-    if (share := half / answer.m_per_count) > limits["max_scale_share"]:
+    half, heldout = answer.half_scale, answer.heldout
+    if half is None or level is None or rise is None:
+        return [
+            "the intervals are not known, so they cannot be held against max_scale_share, max_dir_rad and "
+            "max_rise_rad"
+        ]
+    if (share := half / answer.m_per_count) > limits.max_scale_share:
         reasons.append(
             f"max_scale_share: m_per_count is known to {100 * share:.3f} % (95 %), the limit is "
-            f"{100 * limits['max_scale_share']:g} %; {remedy}"
+            f"{100 * limits.max_scale_share:g} %; {remedy}"
         )
-    if angle > limits["max_dir_rad"]:
+    if level > limits.max_dir_rad:
         reasons.append(
-            f"max_dir_rad: dir is known to {1e3 * angle:.2f} mrad (95 %), the limit is "
-            f"{1e3 * limits['max_dir_rad']:g} mrad; {_LONGER}"
+            f"max_dir_rad: dir is known to {1e3 * level:.2f} mrad (95 %) seen from above, the limit is "
+            f"{1e3 * limits.max_dir_rad:g} mrad; {_LONGER}"
         )
-    if heldout is not None and heldout > limits["max_heldout_m"]:
+    if rise > limits.max_rise_rad:
+        reasons.append(
+            f"max_rise_rad: how dir rises is known to {1e3 * rise:.2f} mrad (95 %), which is as many "
+            f"millimetres of height for each metre of travel, the limit is "
+            f"{1e3 * limits.max_rise_rad:g} mrad; {_LONGER}"
+        )
+    if heldout is not None and heldout > limits.max_heldout_m:
         reasons.append(
             f"max_heldout_m: sightings set aside are {1e3 * heldout:.2f} mm RMS beside the motion that the "
-            f"others show, the limit is {1e3 * limits['max_heldout_m']:g} mm; look for slip of the wheel and "
+            f"others show, the limit is {1e3 * limits.max_heldout_m:g} mm; look for slip of the wheel and "
             "items that roll or slide"
         )
     return reasons

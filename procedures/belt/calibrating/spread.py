@@ -31,23 +31,30 @@ _ORDERS = (2, 3, 4, 5)  # of the pattern over the picture, beside a line
 _OF_PATTERN = 2.0  # degrees of freedom
 FEWEST_OF_PATTERN = 12  # sightings, beside one of each item
 _PATTERN_M = 1e-3  # a sighting further off is a false one
-LENS = "lens"  # in ``by``
-_NOISE, _PICTURE, _SLIPS = "sightings", "picture", "slips"
+LENS, PICTURE = "lens", "picture"  # in ``by``
+_NOISE, _SLIPS = "sightings", "slips"
 
 
 @dataclass(frozen=True)
 class BeltUncertainty:
-    """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane, and ``half_level`` in the
-    level one alone, by which picks go), and the ``cov`` (3, 3) of ``m_per_count * dir``; ``by`` names what
-    makes most of the scale's: single ``sightings``, what all of one of the ``frames``, of the ``items`` or at
-    one place of the ``picture`` share, the rounding of ``counts``, ``slips`` that may be none, a ``delay`` of
-    the counts, or the camera's ``lens``."""
+    """Halves of the 95 % intervals of scale (m) and of direction (rad): ``half_level`` seen from above, by
+    which picks go, and ``half_rise`` of how it rises, by which the tool is too high or too low; and the
+    ``cov`` (3, 3) of ``m_per_count * dir``.
+
+    ``by`` names what makes most of the scale's: single ``sightings``, what all of one of the ``frames``, of
+    the ``items`` or at one place of the ``picture`` share, the rounding of ``counts``, ``slips`` that may be
+    none, a ``delay`` of the counts, or the camera's ``lens``."""
 
     half_scale: float
-    half_angle: float
     half_level: float
+    half_rise: float
     cov: Array
     by: str
+
+    @property
+    def half_angle(self) -> float:
+        """The wider of the two planes."""
+        return max(self.half_level, self.half_rise)
 
 
 def spread(answer: BeltScale, rows: SightingRows) -> BeltUncertainty | None:
@@ -63,8 +70,8 @@ def spread(answer: BeltScale, rows: SightingRows) -> BeltUncertainty | None:
     m = answer.m_per_count
     return BeltUncertainty(
         half_scale=m * found[0].half,
-        half_angle=max(found[1].half, found[2].half),
         half_level=found[1].half,
+        half_rise=found[2].half,
         cov=m * m * axes.T @ np.diag([slope.variance for slope in found]) @ axes,
         by=found[0].by,
     )
@@ -82,8 +89,8 @@ def with_camera(
     return replace(
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * share_95)),
-        half_angle=float(np.hypot(sure.half_angle, turn_95_rad)),
         half_level=float(np.hypot(sure.half_level, turn_95_rad)),
+        half_rise=float(np.hypot(sure.half_rise, turn_95_rad)),
         cov=sure.cov + (m / K95) ** 2 * shared,
     )
 
@@ -124,7 +131,6 @@ def with_lens(sure: BeltUncertainty, answer: BeltScale, slopes: Array) -> BeltUn
     return replace(
         sure,
         half_scale=float(np.hypot(sure.half_scale, m * half[0])),
-        half_angle=float(np.hypot(sure.half_angle, half[1])),
         half_level=float(np.hypot(sure.half_level, half[1])),
         cov=sure.cov + m * m * axes.T @ slopes @ slopes.T @ axes,
         by=LENS if m * half[0] > sure.half_scale else sure.by,
@@ -176,7 +182,7 @@ class _Effects:
             self._columns["items"] = item * taken[:, -1:]
         self._line = 0.0  # slope (m/m) of a line over the picture that has an RMS of 1 m
         if len(at) - item.shape[1] > FEWEST_OF_PATTERN:
-            self._columns[_PICTURE] = waves(at)
+            self._columns[PICTURE] = waves(at)
             self._line = float(np.sqrt(12.0)) / float(np.ptp(at))
         seen = [self._beside(columns) for columns in self._columns.values()]
         grams = [columns.T @ columns for columns in seen]
@@ -190,8 +196,8 @@ class _Effects:
             name: np.trace(square) ** 2 / np.sum(square**2)
             for name, square in zip(self._columns, squares, strict=True)
         }
-        if _PICTURE in degrees:  # two orders or so make most of a smooth pattern
-            degrees[_PICTURE] = _OF_PATTERN
+        if PICTURE in degrees:  # two orders or so make most of a smooth pattern
+            degrees[PICTURE] = _OF_PATTERN
         self._degrees = [float(self._freedom), *degrees.values(), np.inf]
 
     def slope(self, y: Array, counted: bool) -> _Slope:
@@ -203,7 +209,7 @@ class _Effects:
         shares = [variances[0] * float(self._weight @ self._weight)]
         for (name, columns), variance in zip(self._columns.items(), variances[1:], strict=True):
             reach = float(np.sum((columns.T @ self._weight) ** 2))
-            if name == _PICTURE:
+            if name == PICTURE:
                 reach += len(_ORDERS) * self._line**2
             shares.append(variance * reach)
         shares.append(self._rounding if counted else 0.0)

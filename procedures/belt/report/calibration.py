@@ -58,20 +58,22 @@ class Sightings:
 
 
 def verdict_section(source: CalibrationSource) -> Html:
-    """The verdict, why, and four figures to take away."""
+    """The verdict, why, and five figures to take away."""
     top = banner(source, _REMEDY, "Correct what the reason names, and calibrate again.")
     found = source.found
     if found is None:
         return top
     m, half = found.result.m_per_count, found.uncertainty.half_m_per_count
     share = DASH if not m or half is None else f"{100 * half / abs(m):.3f} %"
+    level, rise = found.direction_95_rad()
     return Html(
         top
         + cards(
             (
                 (_micron(m), "of the belt's travel for one count"),
                 (f"± {share}", "95 % interval of it"),
-                (f"± {_mrad(found.result.dir_95_rad)}", "95 % interval of the direction, in each plane"),
+                (f"± {_mrad(level)}", "95 % interval of the direction, seen from above"),
+                (f"± {_mrad(rise)}", "95 % interval of how it rises"),
                 (mm(found.heldout.rms_m), "RMS of sightings that were set aside"),
             )
         )

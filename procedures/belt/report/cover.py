@@ -20,6 +20,7 @@ def calibration_cover(source: Source[BeltCalibrationResult]) -> Cover:
     answer, limits = found.result, dig(source.run, "job_config", "accept")
     half, scale = found.uncertainty.half_m_per_count, answer.m_per_count
     share = None if half is None or not scale else half / abs(scale)
+    level, rise = found.direction_95_rad()
     figures = [
         CoverFigure(
             "travel of one count",
@@ -27,7 +28,8 @@ def calibration_cover(source: Source[BeltCalibrationResult]) -> Cover:
             "" if half is None else f"± {1e6 * half:.3f} µm",
         ),
         judged("the same, share of it", share, dig(limits, "max_scale_share"), _percent),
-        judged("95 % interval of the direction", answer.dir_95_rad, dig(limits, "max_dir_rad"), _mrad),
+        judged("95 % interval of the direction, seen from above", level, dig(limits, "max_dir_rad"), _mrad),
+        judged("95 % interval of how it rises", rise, dig(limits, "max_rise_rad"), _mrad),
         judged("sightings set aside, RMS", found.heldout.rms_m, dig(limits, "max_heldout_m"), mm),
     ]
     return Cover(figures, [*found.observability.undetermined, _SLIP])
