@@ -34,7 +34,7 @@ class FoundBeams:
     ``plane_gap`` (m) is the height of beam xs over beam ys where they cross seen from above, ``U_plane_gap``
     its 95 % uncertainty. ``cov`` (3, 3) m^2 is that of the tool's point in the beams, in the base: what a
     later comparison with this reference cannot be better than. ``tau`` (s) with ``sigma_tau``;
-    ``hysteresis`` (m) and ``lag`` (s) are None with one speed, when they cannot be told from ``tau`` and the
+    ``hysteresis`` (m) and ``lag`` (s) are None where the speeds cannot tell them from ``tau`` and the
     chord. ``out_back`` (m) is, by the places of each pass there and back, the half-chord centre out minus
     back after removing ``tau``; ``noise`` (m) what the edges scatter beyond their intervals. ``axis_turn``
     (3,) rad in the flange is how the axis was found turned against the one that was given, None with one
@@ -93,7 +93,8 @@ class _Finding:
         _check_seen(seen)
         selection = select(scene, seen)
         places = CrossingPlaces(scene, frames)
-        crossings = marked_near_end({k: seen.crossings[k] for k in selection.across}, seen)
+        met = {k: seen.crossings[k] for k in (*selection.across, *selection.grazing)}
+        crossings = marked_near_end({k: met[k] for k in selection.across}, met)
         places.check(crossings)
         refuse_one_way(crossings)
         first = {b: min(places.used(crossings, b)) for b in BEAMS}

@@ -59,8 +59,10 @@ def held_out(
 ) -> Residuals | None:
     """Each edge against what ``solve`` finds without the passes of its fold; None where too few are left.
 
-    A way there and the way back that follows it are in one fold.
+    A way there and the way back that follows it are in one fold. Passes near the tool's end are not judged:
+    how wide it is there, they alone tell.
     """
+    near = solution.lateral.narrower
     used = sorted(set(solution.lateral.rows.source.tolist()))
     parts = _folds(scene, used, folds)
     found: list[Residuals] = []
@@ -74,7 +76,8 @@ def held_out(
         left = {
             k: solution.seen.crossings[k]
             for k in part
-            if all((scene.passes[k].beam, j) in known for j in range(solution.seen.crossings[k].edges))
+            if k not in near
+            and all((scene.passes[k].beam, j) in known for j in range(solution.seen.crossings[k].edges))
         }
         if left:
             # For crossings that were read with the delay of the solution.

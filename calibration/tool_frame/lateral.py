@@ -58,6 +58,17 @@ class Lateral:
         found[[k for k, name in enumerate(self.model.names) if name.startswith("tau")]] -= self.tau_read
         return found
 
+    @property
+    def narrower(self) -> dict[int, float]:
+        """m, by place in the scene: by how much less each edge of a pass near the tool's end is out."""
+        found = {}
+        for name in self.model.near_ends:
+            k = self.model.names.index(f"narrower {name}")
+            found.update(
+                dict.fromkeys(self.rows.source[self.rows.X[:, k] != 0.0].tolist(), float(self.mean[k]))
+            )
+        return found
+
     def edges(self, beam: str) -> Array:
         """(k,) m: the places of the tool's edges at this beam, in their order along ``n``."""
         d = len(self.model.names)

@@ -1,13 +1,13 @@
 """Mean and covariance under the likelihood of intervals.
 
-Each edge is somewhere in its interval with equal probability, but for a little normal noise. Most of that is
-the arm's, which is off by nearly the same at both edges of a way: ``WITHIN`` of the noise's variance is an
-offset ``w`` of the way, the rest is the edge's own. Polls often come at the same phase of both edges, as a
-chord takes as long in every way, and two edges that were taken one by one would then tell the same thing
-twice. With ``w`` held the likelihood of an edge is ``Phi((high - u)/s) - Phi((low - u)/s)``. That is a
-polytope with soft faces, narrow and with corners, which no normal proposal fits; so it is walked through.
-Beside each edge's ``u`` stands where the input was seen to change, ``y = u + w - s z``, which lies in the
-interval, ``z`` being the noise of its own. The steps are exact draws:
+Each edge is somewhere in its interval with equal probability, but for a little normal noise. Most of that
+is the arm's, which is off by nearly the same at both edges of a way: a share of the noise's variance, which
+is not known, is an offset ``w`` of the way, the rest is the edge's own. Polls often come at the same phase
+of both edges, as a chord takes as long in every way, and two edges that were taken one by one would then
+tell the same thing twice. With ``w`` held the likelihood of an edge is ``Phi((high - u)/s) - Phi((low -
+u)/s)``. That is a polytope with soft faces, narrow and with corners, which no normal proposal fits; so it
+is walked through. Beside each edge's ``u`` stands where the input was seen to change, ``y = u + w - s z``,
+which lies in the interval, ``z`` being the noise of its own. The steps are exact draws:
 
 - ``y`` with ``u`` and ``w`` held: a normal cut off at the interval's ends;
 - the unknowns with all ``y`` held: normal, as in least squares of edges that are off together, and then
@@ -17,7 +17,8 @@ interval, ``z`` being the noise of its own. The steps are exact draws:
 
 Source of the pair of the last two: Yu and Meng, "To center or not to center" (2011); of the walk along
 lines: Smith, "Efficient Monte Carlo procedures" (1984). The noise is unknown as well and takes its own step,
-with ``y`` left open (Metropolis), once with ``w`` held and once with ``w`` in units of the noise. Many walks
+with ``y`` left open (Metropolis), once with ``w`` held and once with ``w`` in units of the noise, and so does
+the edges' own share of it. Many walks
 go side by side from points that are spread as averaging says; their mean is what it would be after any number
 of sweeps to a tenth of a standard deviation. Random numbers are the same in every call.
 """
@@ -36,10 +37,11 @@ from cell.poses import Array
 MIN_SIGMA_M = 2e-7
 # Of the noise's variance, common to the edges of a way. An arm that is off by ``a`` at one standstill and by
 # ``b`` at the next is off by a blend of both between them: at a third and two thirds of the way 0.8. One that
-# goes all the way beside its path by the same: 1. In between, as it is not known which.
+# goes all the way beside its path by the same: 1. ``WITHIN`` where the noise is known, and to begin with.
+SHARES = np.array([0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995, 0.999, 0.9998])
 WITHIN = 0.9
 _SEED = 20011
-_SETTLE = 40  # sweeps until the start is forgotten: it is after 25 to 35, of widths and noise of all kinds
+_SETTLE = 60  # sweeps until the start is forgotten; more change nothing
 _ADAPT = (3, 6, 10, 15, 20, 30)  # after these the lines' directions are those of the walks' own spread
 _KEEP = 24  # sweeps that count, worth two or three independent ones
 _WALKS_PER_UNKNOWN = 2  # at least, for directions that can be told
@@ -56,12 +58,13 @@ class Noise:
     """What single edges scatter by, with what they have in common with their way.
 
     ``sigma`` (m) is the root of its mean square, and ``spread`` the standard deviation of its logarithm;
-    ``spread_before`` that before any data.
+    ``spread_before`` that before any data. ``within`` of its variance is common to a way.
     """
 
     sigma: float
     spread: float
     spread_before: float
+    within: float = WITHIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +106,12 @@ def posterior(
         walks.sweep()
         if sweep in _ADAPT:
             walks.adapt()
-    kept, sigmas = [], []
+    kept, sigmas, shares = [], [], []
     for _ in range(_KEEP):
         walks.sweep()
         kept.append(walks.theta.copy())
         sigmas.append(walks.sigma.copy())
+        shares.append(walks.within)
     theta = np.stack(kept)  # (sweeps, unknowns, walks)
     centre = np.mean(theta, axis=(0, 2))
     off = theta - centre[:, None]
@@ -115,7 +119,8 @@ def posterior(
     between = np.var(np.mean(off, axis=0), axis=1)
     effective = walks.count * float(np.min(np.diag(spread) / np.maximum(between, 1e-300)))
     sigma = float(np.sqrt(np.mean(np.square(sigmas))))
-    noise_found = Noise(sigma, float(np.std(np.log(sigmas))), walks.noise_spread())
+    within = float(np.sum(np.square(sigmas) * shares) / np.sum(np.square(sigmas)))
+    noise_found = Noise(sigma, float(np.std(np.log(sigmas))), walks.noise_spread(), within)
     return Posterior(walks.origin + centre, spread, noise_found, effective)
 
 
@@ -144,6 +149,7 @@ class _Walks:
         sources, self.way = np.unique(rows.source, return_inverse=True)
         self.of_way = (np.arange(len(sources))[:, None] == self.way).astype(float)
         self.together = np.zeros((len(sources), count))  # ``w`` of each way
+        self.share = np.full(count, int(np.argmax(SHARES == WITHIN)))
         self.width = float(np.median(rows.width))
         self.least = max(0.008 * self.width, MIN_SIGMA_M)
         self.most = max(0.5 * self.width, 2.0 * noise, 4.0 * MIN_SIGMA_M)
@@ -163,6 +169,7 @@ class _Walks:
         self._trust()
         u = self.A @ self.theta
         self._noise(u, in_units=False)
+        self._own_share(u)
         s, y = self._seen(u, *self._noise(u, in_units=True))
         self._all(y, s)
         self._lines(y)
@@ -199,7 +206,7 @@ class _Walks:
         gain = np.sum(np.log(np.maximum(_chance(cut1), 1e-300) / np.maximum(_chance(cut), 1e-300)), axis=0)
         gain += self._noise_prior(other) - self._noise_prior(self.sigma)
         if not in_units:
-            squares = np.sum(self.together**2, axis=0) / (WITHIN * self.sigma**2)
+            squares = np.sum(self.together**2, axis=0) / (self.within * self.sigma**2)
             gain += 0.5 * squares * (1.0 - scale**-2) - len(self.together) * np.log(scale)
         take = (np.log(self.rng.random(self.count)) < gain) & inside
         self.sigma = np.where(take, other, self.sigma)
@@ -210,6 +217,31 @@ class _Walks:
             np.where(take, cut1[2], cut[2]),
             np.where(take, cut1[3], cut[3]),
         )
+
+    @property
+    def within(self) -> Array:
+        """(count,) of the noise's variance, common to a way."""
+        found: Array = SHARES[self.share]
+        return found
+
+    def _own_share(self, u: Array) -> None:
+        """More or less noise of the edges' own, with the ways' offsets as they are."""
+        if self.known is not None:
+            return
+        was, sigma = self.share, self.sigma
+        other = was + self.rng.choice((-1, 1), self.count)
+        inside = (other >= 0) & (other < len(SHARES))
+        other = np.clip(other, 0, len(SHARES) - 1)
+        centre = u + self.together[self.way]
+        chance = _chance(self._cut(centre, sigma))
+        larger = sigma * np.sqrt(SHARES[was] / SHARES[other])
+        inside &= (larger >= self.least) & (larger <= self.most)
+        self.share = other
+        gain = np.log(np.maximum(_chance(self._cut(centre, larger)), 1e-300) / np.maximum(chance, 1e-300))
+        gain = np.sum(gain, axis=0) + self._noise_prior(larger) - self._noise_prior(sigma)
+        take = (np.log(self.rng.random(self.count)) < gain) & inside
+        self.share = np.where(take, other, was)
+        self.sigma = np.where(take, larger, sigma)
 
     def _seen(
         self, u: Array, a: Array, b: Array, mirrored: NDArray[np.bool_], s: Array
@@ -223,7 +255,7 @@ class _Walks:
     def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, NDArray[np.bool_], Array]:
         """The normal distribution about ``u`` at both ends of the intervals, mirrored into the lower tail;
         where it is mirrored; and ``s``."""
-        s = np.sqrt(self.soft2 + (1.0 - WITHIN) * sigma**2)
+        s = np.sqrt(self.soft2 + (1.0 - self.within) * sigma**2)
         low, high = (self.low - u) / s, (self.high - u) / s
         mirrored = low + high > 0.0
         first, second = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
@@ -247,7 +279,7 @@ class _Walks:
         weight = 1.0 / s**2
         own = weight.T[:, :, None] * self.A  # (count, n, p)
         of_ways = self.of_way @ own
-        known = 1.0 / (self.of_way @ weight + 1.0 / (WITHIN * self.sigma**2))  # variance of each offset
+        known = 1.0 / (self.of_way @ weight + 1.0 / (self.within * self.sigma**2))  # variance of each offset
         shared = of_ways * known.T[:, :, None]
         normal = (weight.T @ self.squares).reshape(self.count, p, p)
         normal -= shared.transpose(0, 2, 1) @ of_ways

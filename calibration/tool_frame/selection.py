@@ -122,8 +122,9 @@ def _full_chord(crossings: Sequence[Crossing], depth: np.ndarray) -> float:
     return float(np.median([c.chord - c.slack for c in picked]))
 
 
-def marked_near_end(crossings: Mapping[int, Crossing], seen: PassContents) -> dict[int, Crossing]:
-    """``crossings``, of those in ``seen``, with names of the heights at which a round end is narrower.
+def marked_near_end(crossings: Mapping[int, Crossing], met: Mapping[int, Crossing]) -> dict[int, Crossing]:
+    """``crossings`` with names of the heights at which a round end is narrower; ``met`` are all that met the
+    tool, also those that met its end alone.
 
     How much narrower, polls at the speed of a search do not tell; and taken for the width of the tool, it
     would look as if the input cleared early at that speed.
@@ -131,7 +132,7 @@ def marked_near_end(crossings: Mapping[int, Crossing], seen: PassContents) -> di
     found = dict(crossings)
     for beam in BEAMS:
         for current in (False, True):
-            near = _near_end(_of(crossings, beam, current), _of(seen.crossings, beam, current))
+            near = _near_end(_of(crossings, beam, current), _of(met, beam, current))
             number, last = 0, -np.inf
             for k in near:
                 depth = -float(np.mean(crossings[k].above))
@@ -149,8 +150,9 @@ def _near_end(own: Mapping[int, Crossing], met: Mapping[int, Crossing]) -> list[
         return []
     end = max(float(np.mean(c.above)) for c in met.values())
     depth = {k: end - float(np.mean(c.above)) for k, c in own.items()}
-    deepest = own[max(own, key=lambda k: depth[k])]
-    finger = float(np.max(np.diff(deepest.middle)[::2]))
+    deepest = max(depth.values())
+    far = [own[k] for k, d in depth.items() if d > deepest - _ANOTHER_HEIGHT_M]
+    finger = float(np.median([np.max(np.diff(c.middle)[::2]) for c in far]))
     near = sorted((k for k in own if depth[k] < _ROUND_END * finger), key=lambda k: depth[k])
     return [] if len(near) == len(own) else near
 

@@ -91,7 +91,8 @@ class _Solving:
         self.warnings += vertical.warnings
         rejected = dict(vertical.blunders)
         used = [k for k in selection.across if k not in rejected]
-        even, uneven = even_widths(marked_near_end({k: seen.crossings[k] for k in used}, seen))
+        met = {k: seen.crossings[k] for k in (*used, *selection.grazing) if k not in vertical.blunders}
+        even, uneven = even_widths(marked_near_end({k: met[k] for k in used}, met))
         self.warnings += uneven
         crossings, removed = without_blunders(even, vertical.height)
         rejected |= removed

@@ -20,7 +20,7 @@ from calibration.tool_frame.posterior import WITHIN, Noise
 from calibration.tool_frame.scene import Pass
 from cell.poses import Array
 
-SHARED = 0.5  # of the variance of two ways, from the standstill between them
+SHARED = 0.5  # of what two ways have of their own, from the standstill between them
 _SAME_PLACE_M = 2e-4
 _NONE = 1e-9  # of the largest singular value
 _LEAST = 1e-3  # share of the intervals' variance
@@ -31,7 +31,7 @@ def as_they_are(
 ) -> tuple[Array, Noise]:
     """What ways taken one by one gave, the covariance (d + m, d + m) and the noise, for ways of which
     ``neighbours`` share a standstill."""
-    R, known = together(rows, neighbours), one_by_one(rows)
+    R, known = together(rows, neighbours, noise.within), one_by_one(rows, noise.within)
     # What the edges tell of the noise is told by fewer of them, and is too small; not what was known before.
     told = max(noise.spread**-2 - noise.spread_before**-2, 0.0)
     spread = float((told * fewer(known) / fewer(R) + noise.spread_before**-2) ** -0.5)
@@ -39,7 +39,7 @@ def as_they_are(
     # Noise that may be larger is, in the mean of its square.
     larger = float(np.exp(max(spread**2 - noise.spread**2, 0.0)))
     found = widened(rows, model, cov, noise.sigma, sigma * larger, R, known)
-    return found, Noise(sigma, spread, noise.spread_before)
+    return found, Noise(sigma, spread, noise.spread_before, noise.within)
 
 
 def in_a_row(passes: Mapping[int, Pass]) -> list[tuple[int, int]]:
@@ -52,25 +52,25 @@ def in_a_row(passes: Mapping[int, Pass]) -> list[tuple[int, int]]:
     return found
 
 
-def together(rows: Rows, neighbours: Sequence[tuple[int, int]]) -> Array:
-    """(n, n) correlation of what the arm does to the edges; ``neighbours`` are ways with one standstill."""
+def together(rows: Rows, neighbours: Sequence[tuple[int, int]], within: float = WITHIN) -> Array:
+    """(n, n) correlation of what the arm does to the edges, of those of a way ``within``; ``neighbours`` are
+    ways with one standstill."""
     places = np.unique(rows.source)
     number = {k: i for i, k in enumerate(places.tolist())}
-    ways = np.eye(len(places))
+    ways = within * np.eye(len(places))
     for a, b in neighbours:
         if a in number and b in number:
-            ways[number[a], number[b]] = ways[number[b], number[a]] = SHARED
+            ways[number[a], number[b]] = ways[number[b], number[a]] = SHARED * within
     own = np.searchsorted(places, rows.source)
     found: Array = ways[np.ix_(own, own)]
-    return found
-
-
-def one_by_one(rows: Rows) -> Array:
-    """(n, n) correlation of what the arm does to the edges, as a solution has it that knows ways alone."""
-    same = rows.source[:, None] == rows.source
-    found: Array = np.where(same, WITHIN, 0.0)
     np.fill_diagonal(found, 1.0)
     return found
+
+
+def one_by_one(rows: Rows, within: float = WITHIN) -> Array:
+    """(n, n) correlation of what the arm does to the edges, as a solution has it that knows ways alone; of
+    the edges of a way ``within``."""
+    return together(rows, (), within)
 
 
 def fewer(R: Array) -> float:

@@ -77,7 +77,7 @@ class LaserAnswer(Part):
     tau: Seconds | None = Field(description="How much later the input is than its stamps say.")
     hysteresis_m: Metres | None = Field(description="Shift of the edges along the way; null with one speed.")
     lag_s: Seconds | None = Field(
-        description="How much later the input clears than it breaks; null with one speed at the full width."
+        description="How much later the input clears than it breaks; null unless several speeds show it."
     )
     cov: Covariance | None = Field(
         description="Displacement, then turn, in the axes of the flange; zero in what is not determined."
@@ -126,6 +126,9 @@ class PassResidual(Part):
     centre_m: Metres = Field(description="Middle of the chord across the beam.")
     used: bool = Field(description="Whether the solution used it.")
     rms_m: Metres | None = Field(description="Of its edges.")
+    narrower_m: Metres | None = Field(
+        default=None, description="By how much less each edge is out, near the tool's end."
+    )
 
 
 class OutBack(Part):
@@ -269,7 +272,7 @@ class ReferenceAnswer(Part):
     tau: Seconds | None = Field(description="How much later the inputs are than their stamps say.")
     hysteresis_m: Metres | None = Field(description="Shift of the edges along the way; null with one speed.")
     lag_s: Seconds | None = Field(
-        description="How much later the input clears than it breaks; null with one speed at the full width."
+        description="How much later the input clears than it breaks; null unless several speeds show it."
     )
     plane: Plane = Field(description="How level and flat the beams are.")
     axis_turn_flange: Turn | None = Field(description="Turn of the tool's axis that the passes show.")

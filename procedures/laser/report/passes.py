@@ -91,6 +91,7 @@ class EdgeEstimate:
     rise: Mapping[tuple[str, bool], float]
     hysteresis: float
     lag: float
+    narrower: Mapping[tuple[bool, int], float]  # m, by set and index of the pass
 
     def expected(self, c: Crossing) -> Array | None:
         """(k,) m along ``n``: where the solution has the edges of a pass that was read with its delay.
@@ -102,6 +103,8 @@ class EdgeEstimate:
         if edges is None or len(edges) != c.edges:
             return None
         late = 0.5 * np.sign(c.v) * self.hysteresis + 0.5 * c.v * np.where(c.rising, -1.0, 1.0) * self.lag
+        near = self.narrower.get((c.source.current, c.source.index), 0.0)
+        edges = edges + near * np.where(np.arange(c.edges) % 2 == 0, 1.0, -1.0)
         b = self.tilt[key]
         found: Array = edges / np.cos(b) - np.tan(b) * (c.above + self.rise[key]) - self.shift[key] + late
         return found
@@ -122,4 +125,5 @@ def estimate(scene: ToolFrameScene, measured: LaserResult) -> EdgeEstimate:
         shift[b, False], shift[b, True] = 0.0, float(frame.n @ moved)
         rise[b, False], rise[b, True] = 0.0, float(frame.w @ moved)
     edges = {b: np.array(places, dtype=float) for b, places in seen.edges_m.items()}
-    return EdgeEstimate(edges, tilt, shift, rise, answer.hysteresis_m or 0.0, answer.lag_s or 0.0)
+    narrower = {(p.set_ == "current", p.index): p.narrower_m or 0.0 for p in measured.residuals.per_pass}
+    return EdgeEstimate(edges, tilt, shift, rise, answer.hysteresis_m or 0.0, answer.lag_s or 0.0, narrower)

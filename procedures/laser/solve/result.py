@@ -45,6 +45,9 @@ from procedures.laser.result import (
 K95 = 1.96
 SPEED_CODE, BLUNDER_CODE, UNUSED_CODE = "laser.speed", "laser.rejected", "laser.not-used"
 
+_SWITCHING = "hysteresis: with one speed it is part of tau"
+_CLEARING = "clearing later than breaking: part of the chord, unless two speeds cross the tool's full width"
+
 
 def fill_result(
     scene: ToolFrameScene,
@@ -176,7 +179,8 @@ def _residuals(scene: ToolFrameScene, solution: Solution, rest: Residuals) -> La
         rms_m=rest.rms,
         expected_m=rest.expected,
         per_pass=[
-            _pass_line(scene, k, c, rest, centres[k]) for k, c in sorted(solution.seen.crossings.items())
+            _pass_line(scene, k, c, rest, centres[k], lateral.narrower.get(k))
+            for k, c in sorted(solution.seen.crossings.items())
         ],
         out_back=[
             OutBack(
@@ -190,7 +194,9 @@ def _residuals(scene: ToolFrameScene, solution: Solution, rest: Residuals) -> La
     )
 
 
-def _pass_line(scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, centre: float) -> PassResidual:
+def _pass_line(
+    scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, centre: float, narrower: float | None
+) -> PassResidual:
     own = rest.rest[rest.source == k]
     return PassResidual(
         set=_set_of(scene, k),
@@ -205,6 +211,7 @@ def _pass_line(scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, cent
         centre_m=centre,
         used=bool(len(own)),
         rms_m=float(np.sqrt(np.mean(own**2))) if len(own) else None,
+        narrower_m=narrower,
     )
 
 
@@ -225,9 +232,7 @@ def _observability(solution: Solution) -> LaserObservability:
     model = solution.lateral.model
     spin, tilt = 1, 0 if solution.drot is not None else 2
     height = 1 if solution.z_sigma is None else 0
-    switching = "hysteresis: with one speed it is part of tau"
-    clearing = "clearing later than breaking: with one speed at the tool's full width, part of the chord"
-    unseen = ([] if model.several_speeds else [switching]) + ([] if model.lag else [clearing])
+    unseen = ([] if model.several_speeds else [_SWITCHING]) + ([] if model.lag else [_CLEARING])
     return LaserObservability(
         rank=6 - spin - tilt - height,
         of=6,
@@ -299,7 +304,8 @@ def fill_reference(
         ),
         observability=ReferenceObservability(
             undetermined=["spin about the tool's axis"]
-            + ([] if found.hysteresis is not None else ["hysteresis: with one speed it is part of tau"])
+            + ([] if found.hysteresis is not None else [_SWITCHING])
+            + ([] if found.lag is not None else [_CLEARING])
         ),
         heldout=Empty(),
         inputs=inputs,

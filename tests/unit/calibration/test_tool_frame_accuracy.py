@@ -113,7 +113,7 @@ def test_the_delay_is_found_and_with_two_speeds_the_hysteresis_too() -> None:
 
 
 def test_a_search_that_meets_a_round_end_does_not_make_the_input_clear_early() -> None:
-    """At 0.1 mm/s times a poll of 5 ms chords that are 0.1 mm short are not seen to be."""
+    """At 0.1 m/s and polls every 5 ms a chord that is 0.1 mm short is not seen to be."""
     bench = Bench(seed=35, parts=BALL, tau=0.002)
     found = solved(bench, pairs=3, search_speed=0.1, **TWO_HEIGHTS)
     names = found.lateral.model.names

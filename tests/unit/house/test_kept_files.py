@@ -195,15 +195,21 @@ def _of_the_rounding(difference: dict[str, Any], share: float = 1e-7, least: flo
     return type(was) is float and type(now) is float and abs(now - was) < share * abs(was) + least
 
 
-def _as_was_stated(difference: dict[str, Any], stated_m: float) -> bool:
-    """Whether a figure differs as that of a better estimate may: a point by less than ``stated_m`` (95 %),
-    what is stated by less than all of it, and the verdict not at all."""
-    where = difference["where"]
+def _as_was_stated(difference: dict[str, Any], stated: dict[str, Any]) -> bool:
+    """Whether a figure differs as that of a better estimate may: what is measured by less than was stated for
+    95 % of its errors, what is stated by less than half or twice. The verdict and passes are as they were."""
+    where, was, now = difference["where"], difference["recorded"], difference["now"]
     if any(f"{name}[" in where for name in POINTS) and not where.endswith(TURNS):
-        return _of_the_rounding(difference, 0.0, stated_m)
+        return _of_the_rounding(difference, 0.0, stated["U_point_m"])
+    if any(name in where for name in ("axis_", "drot_flange", "tilt_rad", "slope_rad", *TURNS)):
+        return _of_the_rounding(difference, 0.0, stated.get("U_tilt_rad") or 4e-3)
     if where.startswith("uncertainty.U_"):
-        return _of_the_rounding(difference, 1.0)
-    return where != "verdict"
+        return bool(0.5 * was < now < 2.0 * was)
+    if where.startswith("result.tau"):
+        return _of_the_rounding(difference, 0.0, 2.0 * stated["sigma_tau_s"])
+    return where.startswith(
+        ("result.", "uncertainty.", "residuals.", "heldout.", "observability.", "reasons[")
+    )
 
 
 @pytest.mark.parametrize(("cell", "number"), RUNS)
@@ -219,7 +225,7 @@ def test_the_data_of_an_earlier_version_give_the_answer_that_it_found(
     job = JOBS[cell][number - 1]
     different = [d for d in subject["differences"] if not d["where"].startswith(RESTATED.get(job, ("?",)))]
     if job in IMPROVED:
-        stated = Sample(unpacked / cell).run(number).read_result()["uncertainty"]["U_point_m"]
+        stated = Sample(unpacked / cell).run(number).read_result()["uncertainty"]
         assert [d for d in different if not _as_was_stated(d, stated)] == []
     else:
         assert [d for d in different if not _of_the_rounding(d)] == [], ran.err
