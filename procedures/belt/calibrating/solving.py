@@ -48,8 +48,8 @@ _BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
 _LONGER = "let more items pass, over a longer way"
 _REMEDIES = {
     PICTURE: "mostly because of what the camera gets wrong over its picture, alike for all items, of which "
-    "more of them show little: let it look from nearer by, or by a finer pair (stereo_height, "
-    "stereo_subpixel_bits), or take the limit that your picks allow",
+    "more of them show little: tell depth in finer steps (stereo_subpixel_bits), or take the limit that "
+    "your picks allow",
     LENS: "mostly because the camera's calibration has no lens for these pictures: run cone-capture",
     DELAY: "mostly because counts may be late against pictures: keep the belt at an even speed while items "
     "are in view",
