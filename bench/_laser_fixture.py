@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from fakes.likely.arm import LEAN_RAD
 from tests.kit.ideal_world import ideal_text, shipped_text
 
 RIM, THIN_M, PIN_M = 16, 5e-5, 0.003
 HEIGHT_M = 2.5e-3  # the beams are up to so much higher or lower
-LEAN_RAD = 2e-3  # standard deviation about each axis; fakes/likely/arm.py has the source
 
 
 def scenario(kind: str, sigma_m: float, seed: int, ideal: bool = False) -> str:

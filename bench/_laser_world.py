@@ -36,6 +36,8 @@ ABOVE_M, ALONG_M = 0.008, {"xs": 0.025, "ys": 0.02}  # where the way begins
 STATE_S, POLL_S, STAMP_S, LATENCY_S, BEAM_RADIUS_M = 0.008, 0.005, 0.00025, 0.002, 5e-4
 BAND_M = 5e-5  # by how much more distance a beam clears than it breaks
 LATE_S = 0.04
+# Of daemon/demo/bay.toml.
+SHORT = {"measure_speed_m_s": 0.025, "passes": 3, "lead_m": 0.003, "z_resolution_m": 5e-5}
 HEIGHT_M, SLOPE = 2.5e-3, 1e-3
 ROUND, FLAT = Part(0.003, round=True, offset=(0.0, 0.0, -0.003)), Part(0.003)
 
@@ -46,8 +48,9 @@ class World:
 
     ``sigma`` (m) is one axis of the arm at a standstill, ``late`` the share of polls that come up to 40 ms
     late; ``warp`` is by how much, of the way from where a beam is crossed first, the arm goes too far in each
-    direction for each direction: links, gears and sag, which change little over a fixture. ``shift`` (3,) m
-    and ``turn`` (3,) rad bend the tool about its point, both in the flange.
+    direction for each direction: links, gears and sag, which change little over a fixture. ``lean`` (2,)
+    rad is how the tool stands turned about the flange's x and y; ``shift`` (3,) m and ``turn`` (3,) rad bend
+    it about its point, both in the flange.
     """
 
     seed: int
@@ -55,6 +58,7 @@ class World:
     sigma: float = 1.4e-5
     late: float = 0.0
     warp: float = 0.0
+    lean: Array = field(default_factory=lambda: np.zeros(2))
     shift: Array = field(default_factory=lambda: np.zeros(3))
     turn: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -81,17 +85,25 @@ class World:
 
     @property
     def T_flange_tool(self) -> RigidTransform:
-        """Where the tool truly is."""
+        """Where the tool's frame truly is, in which it leans."""
         return RigidTransform.from_components(P_REF + self.shift, Rotation.from_rotvec(self.turn))
 
     def first_contact(self, beam: str) -> float:
-        """How high (m) the straight tool's point is over the middle of a beam when it first breaks it."""
-        true = self.beams[beam]
-        # Of a flat end the rim comes first where the beam rises.
+        """How high (m) the point of the tool that is not bent is over the middle of a beam when it first
+        breaks it."""
+        direction = self.beams[beam].direction
         reach = BEAM_RADIUS_M
         if not self.part.round:
-            reach = (self.part.radius + BEAM_RADIUS_M) * abs(float(true.direction[2]))
+            # Of a flat end the rim comes first: where it is lowest over the rising beam.
+            axis = (DOWN * self._lean).apply([0.0, 0.0, 1.0])
+            down = direction[2] * direction - np.array([0.0, 0.0, 1.0])
+            rim = self.part.radius * float(np.linalg.norm(down - (down @ axis) * axis))
+            reach = rim + BEAM_RADIUS_M * abs(float(direction[2]))
         return reach - 0.5 * BAND_M
+
+    @property
+    def _lean(self) -> Rotation:
+        return Rotation.from_rotvec([*self.lean, 0.0])
 
     def move(self, to: Array) -> None:
         """A move of the flange to ``to`` (3,) that nobody watches."""
@@ -125,7 +137,7 @@ class World:
 
     def _gap(self, beam: str, flange: Array) -> Array:
         """(n,) m from the tool to the light, for the flange truly at (n, 3)."""
-        turn = Rotation.from_rotvec(self.turn)
+        turn = Rotation.from_rotvec(self.turn) * self._lean
         axis, true = (DOWN * turn).apply([0.0, 0.0, 1.0]), self.beams[beam]
         end = flange + DOWN.apply(P_REF + self.shift + turn.apply(np.array(self.part.offset)))
         if not self.part.round:
@@ -256,15 +268,16 @@ class Record(PassRecord):
             self.passes += [{**w.as_pass(), "notes": {"phase": phase, "place": place}} for w in ways]
 
 
-def search(max_poll_gap_s: float | None = None) -> Search:
-    """The job's defaults for a fixture here."""
+def search(max_poll_gap_s: float | None = None, short: bool = False) -> Search:
+    """The job's defaults for a fixture here, or the ``short`` search of the demo."""
     beam = {"aux": "a", "distance_m": 0.03, "along_m": 0.05, "q": [0.0] * 6}
     beams = {
         "xs": {**beam, "input": "xs", "across": [0.0, 1.0, 0.0]},
         "ys": {**beam, "input": "ys", "across": [1.0, 0.0, 0.0]},
     }
     gap = {} if max_poll_gap_s is None else {"max_poll_gap_s": max_poll_gap_s}
-    return Search.model_validate({"device": "beams", "floor_m": 0.0, **beams, **gap})
+    plan = {"device": "beams", "floor_m": 0.0, **beams, **gap, **(SHORT if short else {})}
+    return Search.model_validate(plan)
 
 
 def take(world: World, folder: Path, plan: Search, places: int, stated_m: float, tool: Array) -> Record:

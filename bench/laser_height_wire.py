@@ -32,11 +32,17 @@ accept = { auto = true }
 """
 
 
+class _Cell(WireCell):
+    """A cell whose operator confirms what is asked: there is no board to move."""
+
+    def move_board(self) -> None: ...
+
+
 def one(folder: Path, bind: str, kind: str, seed: int, tally: Tally) -> None:
     """One reference and one update in a cell of its own."""
     rng = np.random.default_rng([seed, 78])
     end, sigma = kind.split("-")
-    cell = WireCell(folder, bind, scenario(end, 1e-6 * float(sigma), seed) + AUTO)
+    cell = _Cell(folder, bind, scenario(end, 1e-6 * float(sigma), seed) + AUTO)
     try:
         cell.start_twin()
         cell.start_daemon()

@@ -3,8 +3,9 @@
 ``python -m bench.laser_scan [COUNT] [CELL]... [--gates] [--first SEED]``: a reference, a bump, a measurement;
 with ``--gates`` then the second scan of the update, a check of the tool as it is, and one after a bump by the
 size that is promised to be found. A cell is the tool's end, the arm's standard deviation of one axis in um,
-``late`` when one poll of ten comes up to 40 ms late, and ``warped`` when links, gears and sag of the arm are
-a little off: ``round-14``, ``flat-30-late``, ``round-14-warped``. With ``--keep FILE`` a bench that was ended
+``late`` when one poll of ten comes up to 40 ms late, ``warped`` when links, gears and sag of the arm are a
+little off, ``short`` with the search of the demo, and ``straight`` with a tool that does not lean:
+``round-14``, ``flat-30-late``, ``round-14-warped-short``. With ``--keep FILE`` a bench that was ended
 goes on where it was. Scan, solver and verdicts are the jobs'; arm, beams and polls are
 ``bench/_laser_world.py``. Heights of the beams, bumps and all else is drawn anew each time.
 ``bench.laser_height`` does the same with the whole daemon on the object twin, and ``bench.laser_height_wire``
@@ -29,6 +30,7 @@ from bench.laser_height import CELLS, LATE_GAP_S, tell
 from calibration.tool_frame.repeatability import stated_sigma
 from cell.errors import present
 from cell.poses import Array, from_pose6, to_pose6
+from fakes.likely.arm import LEAN_RAD
 from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
 from procedures.laser.judging import judge_check, judge_moved, why_not, worth_another
 from procedures.laser.packed import unpacked
@@ -65,6 +67,9 @@ class Fixture:
     def __init__(self, folder: Path, cell: str, seed: int) -> None:
         kind, sigma, *more = cell.split("-")
         late = "late" in more
+        lean = np.zeros(2)
+        if "straight" not in more:
+            lean = LEAN_RAD * np.random.default_rng([seed, 9]).standard_normal(2)
         self.folder, self.rng = folder, np.random.default_rng([seed, 77])
         self.world = World(
             seed,
@@ -72,8 +77,9 @@ class Fixture:
             1e-6 * float(sigma),
             0.1 if late else 0.0,
             WARP if "warped" in more else 0.0,
+            lean,
         )
-        self.plan: Search = search(LATE_GAP_S if late else None)
+        self.plan: Search = search(LATE_GAP_S if late else None, "short" in more)
         path, _ = self._scan("reference", 2, P_REF, NOMINAL, None)
         solved = solve_new_reference(path, {"T_flange_tool": T_REF})
         if not isinstance(solved, ReferenceResult):

@@ -78,21 +78,7 @@ class ModelledArm:
         return self._state
 
     def _see(self, state: ArmState) -> ArmState:
-        return ArmState(  # of every sample that is looked at: dataclasses.replace takes twice as long
-            q=state.q,
-            qd=state.qd,
-            tcp_pose6=state.tcp_pose6,
-            tcp_force=state.tcp_force,
-            tcp_offset6=state.tcp_offset6,
-            robot_mode=state.robot_mode,
-            safety_mode=state.safety_mode,
-            program_running=state.program_running,
-            digital_in=state.digital_in,
-            digital_out=state.digital_out,
-            stamp=state.stamp,
-            model=self._models.own,
-            speed_scaling=state.speed_scaling,
-        )
+        return replace(state, model=self._models.own)
 
     async def open_motion(self, tool: ToolSettings) -> MotionPort:
         """As the arm's own, and refused when the controller believes something else than is known."""

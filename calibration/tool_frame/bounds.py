@@ -193,8 +193,7 @@ def rows_of(
     first = np.cumsum(count) - count
     for begin, c in zip(first.tolist(), crossings.values(), strict=True):
         if f"narrower {c.near_end}" in column:
-            inwards = np.where(np.arange(c.edges) % 2 == 0, 1.0, -1.0)
-            X[begin : begin + c.edges, column[f"narrower {c.near_end}"]] = inwards
+            X[begin : begin + c.edges, column[f"narrower {c.near_end}"]] = c.inwards
     offset = sin * h + base
     return Rows(
         cos * low + offset,

@@ -62,6 +62,12 @@ class Crossing:
         return 0.5 * float(self.high[0] - self.low[0] + self.high[-1] - self.low[-1])
 
     @property
+    def inwards(self) -> Array:
+        """(k,) 1 where a narrower finger has its edge further along ``n``, -1 where it has it less far."""
+        found: Array = np.where(np.arange(self.edges) % 2 == 0, 1.0, -1.0)
+        return found
+
+    @property
     def speed(self) -> float:
         return float(np.mean(np.abs(self.v)))
 

@@ -168,9 +168,13 @@ class _Walks:
         """Each unknown moves, along each of as many lines as there are unknowns."""
         self._trust()
         u = self.A @ self.theta
-        self._noise(u, in_units=False)
-        self._own_share(u)
-        s, y = self._seen(u, *self._noise(u, in_units=True))
+        if self.known is None:
+            self._noise(u)
+        elif self.sigma[0] > self.known:
+            smaller = np.maximum(0.6 * self.sigma, self.known)
+            self.together *= smaller / self.sigma
+            self.sigma = smaller
+        s, y = self._seen(u)
         self._all(y, s)
         self._lines(y)
 
@@ -185,78 +189,73 @@ class _Walks:
             scale = self.rng.exponential(size=x.shape) * 2.0 / (1.0 + x**2)
             self.prior[self.trusted] = self.precision[self.trusted][:, None] + scale / self.trust**2
 
-    def _noise(self, u: Array, in_units: bool) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-        """Noise with the places of change left open, and :meth:`_cut` with it. The ways' offsets are held,
-        ``in_units`` of the noise or as they are."""
-        cut = self._cut(u + self.together[self.way], self.sigma)
-        if self.known is not None:
-            if in_units and self.sigma[0] > self.known:
-                smaller = np.maximum(0.6 * self.sigma, self.known)
-                self.together *= smaller / self.sigma
-                self.sigma = smaller
-                cut = self._cut(u + self.together[self.way], self.sigma)
-            return cut
-        step = _STEP if in_units else _STEP_HELD / np.sqrt(len(self.together))
-        other = self.sigma * np.exp(step * self.rng.standard_normal(self.count))
-        inside = (other >= self.least) & (other <= self.most)
-        other = _within(other, self.least, self.most)
-        scale = other / self.sigma
-        together = self.together * scale if in_units else self.together
-        cut1 = self._cut(u + together[self.way], other)
-        gain = np.sum(np.log(np.maximum(_chance(cut1), 1e-300) / np.maximum(_chance(cut), 1e-300)), axis=0)
-        gain += self._noise_prior(other) - self._noise_prior(self.sigma)
-        if not in_units:
-            squares = np.sum(self.together**2, axis=0) / (self.within * self.sigma**2)
-            gain += 0.5 * squares * (1.0 - scale**-2) - len(self.together) * np.log(scale)
-        take = (np.log(self.rng.random(self.count)) < gain) & inside
-        self.sigma = np.where(take, other, self.sigma)
-        self.together = np.where(take, together, self.together)
-        return (
-            np.where(take, cut1[0], cut[0]),
-            np.where(take, cut1[1], cut[1]),
-            np.where(take, cut1[2], cut[2]),
-            np.where(take, cut1[3], cut[3]),
-        )
-
     @property
     def within(self) -> Array:
         """(count,) of the noise's variance, common to a way."""
         found: Array = SHARES[self.share]
         return found
 
-    def _own_share(self, u: Array) -> None:
-        """More or less noise of the edges' own, with the ways' offsets as they are."""
-        if self.known is not None:
-            return
-        was, sigma = self.share, self.sigma
-        other = was + self.rng.choice((-1, 1), self.count)
-        inside = (other >= 0) & (other < len(SHARES))
-        other = np.clip(other, 0, len(SHARES) - 1)
-        centre = u + self.together[self.way]
-        chance = _chance(self._cut(centre, sigma))
-        larger = sigma * np.sqrt(SHARES[was] / SHARES[other])
-        inside &= (larger >= self.least) & (larger <= self.most)
-        self.share = other
-        gain = np.log(np.maximum(_chance(self._cut(centre, larger)), 1e-300) / np.maximum(chance, 1e-300))
-        gain = np.sum(gain, axis=0) + self._noise_prior(larger) - self._noise_prior(sigma)
-        take = (np.log(self.rng.random(self.count)) < gain) & inside
-        self.share = np.where(take, other, was)
-        self.sigma = np.where(take, larger, sigma)
+    def _noise(self, u: Array) -> None:
+        """Noise and the ways' share of it with the places of change left open, in three steps."""
+        log = self._log_chance(u, self.sigma, self.together, self.share)
+        # All noise, with the ways' offsets as they are.
+        ways = len(self.together)
+        scale = np.exp(_STEP_HELD / np.sqrt(ways) * self.rng.standard_normal(self.count))
+        squares = np.sum(self.together**2, axis=0) / (self.within * self.sigma**2)
+        gain = 0.5 * squares * (1.0 - scale**-2) - ways * np.log(scale)
+        log = self._metropolis(u, log, gain, scale * self.sigma, self.together, self.share)
+        # The edges' own alone: the ways' stays what it was.
+        share = self.share + self.rng.choice((-1, 1), self.count)
+        gain = np.where((share >= 0) & (share < len(SHARES)), 0.0, -np.inf)
+        share = np.clip(share, 0, len(SHARES) - 1)
+        sigma = self.sigma * np.sqrt(self.within / SHARES[share])
+        log = self._metropolis(u, log, gain, sigma, self.together, share)
+        # All noise, with the ways' offsets in units of it.
+        scale = np.exp(_STEP * self.rng.standard_normal(self.count))
+        self._metropolis(u, log, 0.0, scale * self.sigma, scale * self.together, self.share)
 
-    def _seen(
-        self, u: Array, a: Array, b: Array, mirrored: NDArray[np.bool_], s: Array
-    ) -> tuple[Array, Array]:
+    def _metropolis(
+        self,
+        u: Array,
+        log: Array,
+        gain: Array | float,
+        sigma: Array,
+        together: Array,
+        share: NDArray[np.int64],
+    ) -> Array:
+        """Take the noise ``sigma``, the ways' offsets ``together`` and the ``share`` where these are likely
+        enough beside those of now, whose likelihood is ``log``; the new ``log``. ``gain`` is what the priors
+        of the last two add."""
+        inside = (sigma >= self.least) & (sigma <= self.most)
+        then = self._log_chance(u, sigma, together, share)
+        gain = gain + then - log + self._noise_prior(sigma) - self._noise_prior(self.sigma)
+        take = (np.log(self.rng.random(self.count)) < gain) & inside
+        self.sigma = np.where(take, sigma, self.sigma)
+        self.together = np.where(take, together, self.together)
+        self.share = np.where(take, share, self.share)
+        return np.where(take, then, log)
+
+    def _log_chance(self, u: Array, sigma: Array, together: Array, share: NDArray[np.int64]) -> Array:
+        """(count,) logarithm of how likely the intervals are."""
+        a, b, _, _ = self._cut(u + together[self.way], sigma, SHARES[share])
+        found: Array = np.sum(np.log(np.maximum(b - a, 1e-300)), axis=0)
+        return found
+
+    def _seen(self, u: Array) -> tuple[Array, Array]:
         """Each edge's own noise and where its change was seen; (n, count) each."""
+        centre = u + self.together[self.way]
+        a, b, mirrored, s = self._cut(centre, self.sigma, self.within)
         z = ndtri(_within(a + (b - a) * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
         z *= s
-        centre = u + self.together[self.way]
         return s, _within(centre + np.where(mirrored, -z, z), self.low, self.high)
 
-    def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-        """The normal distribution about ``u`` at both ends of the intervals, mirrored into the lower tail;
-        where it is mirrored; and ``s``."""
-        s = np.sqrt(self.soft2 + (1.0 - self.within) * sigma**2)
-        low, high = (self.low - u) / s, (self.high - u) / s
+    def _cut(
+        self, centre: Array, sigma: Array, within: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+        """The normal distribution about ``centre`` at both ends of the intervals, mirrored into the lower
+        tail; where it is mirrored; and ``s``."""
+        s = np.sqrt(self.soft2 + (1.0 - within) * sigma**2)
+        low, high = (self.low - centre) / s, (self.high - centre) / s
         mirrored = low + high > 0.0
         first, second = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
         return ndtr(np.maximum(first, -_FAR - 1.0)), ndtr(np.maximum(second, -_FAR)), mirrored, s
@@ -329,10 +328,6 @@ class _Walks:
             new = old + there[self.trusted] / self.trust
             gain += np.sum(np.log1p(old**2) - np.log1p(new**2), axis=0)
         return np.where(np.log(self.rng.random(self.count)) < gain, t, 0.0)
-
-
-def _chance(cut: tuple[Array, Array, NDArray[np.bool_], Array]) -> Array:
-    return cut[1] - cut[0]
 
 
 def _within(x: Array, low: Array | float, high: Array | float) -> Array:

@@ -20,7 +20,7 @@ from calibration.tool_frame.posterior import WITHIN, Noise
 from calibration.tool_frame.scene import Pass
 from cell.poses import Array
 
-SHARED = 0.5  # of what two ways have of their own, from the standstill between them
+SHARED = 0.5  # of a way's variance, from the standstill that it has in common with the next
 _SAME_PLACE_M = 2e-4
 _NONE = 1e-9  # of the largest singular value
 _LEAST = 1e-3  # share of the intervals' variance

@@ -1,6 +1,7 @@
 """The arm of the object face: the driver's Protocol attached straight to the world."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from weakref import ref
 
 import numpy as np
@@ -173,20 +174,10 @@ class ObjectArm(ObjectDevice):
         segment = track.segment_at(was)
         modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
         if self._resting is not None and self._resting[:2] == (segment, modes):
-            at_rest = self._resting[2]
-            return ArmState(  # of most samples of most runs: dataclasses.replace takes twice as long
-                q=at_rest.q,
-                qd=at_rest.qd,
-                tcp_pose6=at_rest.tcp_pose6,
-                tcp_force=at_rest.tcp_force,
-                tcp_offset6=at_rest.tcp_offset6,
-                robot_mode=at_rest.robot_mode,
-                safety_mode=at_rest.safety_mode,
-                program_running=at_rest.program_running,
-                digital_in=self.world.arm_digital_in(t),
-                digital_out=at_rest.digital_out,
+            return replace(
+                self._resting[2],
                 stamp=c.stamp(t),
-                model=at_rest.model,
+                digital_in=self.world.arm_digital_in(t),
                 speed_scaling=c.speed_scaling(t),
             )
         state = self._measure(t, tick, segment)

@@ -103,8 +103,7 @@ class EdgeEstimate:
         if edges is None or len(edges) != c.edges:
             return None
         late = 0.5 * np.sign(c.v) * self.hysteresis + 0.5 * c.v * np.where(c.rising, -1.0, 1.0) * self.lag
-        near = self.narrower.get((c.source.current, c.source.index), 0.0)
-        edges = edges + near * np.where(np.arange(c.edges) % 2 == 0, 1.0, -1.0)
+        edges = edges + self.narrower.get((c.source.current, c.source.index), 0.0) * c.inwards
         b = self.tilt[key]
         found: Array = edges / np.cos(b) - np.tan(b) * (c.above + self.rise[key]) - self.shift[key] + late
         return found
