@@ -148,6 +148,8 @@ def rtu_reply(data: bytes) -> int | None:
     return at + 2
 
 
+_MODBUS_READS = (1, 2, 3, 4)  # functions: coils, inputs, registers of both kinds
+
 # A reply on a serial line belongs to the request before it: all have the same number.
 _RTU = Dialect(
     length=rtu_request,
@@ -218,6 +220,7 @@ BY_NUMBER: dict[str, Dialect] = {
         answers=lambda message: message[:2],
         key=lambda message: message[6:],
         answering=lambda answer, question: question[:2] + answer[2:],
+        reads=lambda key: isinstance(key, bytes) and key[1] in _MODBUS_READS,
     ),
     "motion-child": Dialect(
         length=prefixed(">I", 4, 4),

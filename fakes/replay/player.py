@@ -24,6 +24,7 @@ from fakes.replay.dialects import IN_TURN, Cutter, Dialect, dialect_of
 from fakes.replay.serial_lines import PlayedLine, serial_line
 
 Write = Callable[[bytes], None]
+EARLY_S = 0.01  # a driver in virtual time computes at once, and may ask so much earlier than it did
 _FRAME = b"< frame"  # what a gateway sends after its greeting
 
 
@@ -115,7 +116,7 @@ class ByNumber:
         self._heard = Cutter(self._dialect.length)
         self._answers: dict[Hashable, deque[_Answer]] = defaultdict(deque)
         self._by_itself: list[tuple[float, bytes]] = []
-        self.asked: deque[float] = deque()  # when the questions were asked
+        self._asked: dict[Hashable, list[float]] = defaultdict(list)  # when each question was
         # On a serial line, which is played in real time, the driver may be late and yet asks for each.
         self._leaves_out = serial_line(connection.protocol, connection.peer) is None
         self._begun = False
@@ -143,16 +144,31 @@ class ByNumber:
         ``after``."""
         return next((answer.asked for answer in self._waiting(question) if answer.asked > after), None)
 
+    @property
+    def polls(self) -> deque[float]:
+        """When the polls of a driver that asks the same in each began, s: at the first of its questions.
+
+        Not at the others: a replay whose poll ended without an answer would go on in the middle of one, and
+        have each reading a period late.
+        """
+        most = max((len(times) for times in self._asked.values()), default=0)
+        of_each = [times for times in self._asked.values() if len(times) > 0.5 * most]
+        return deque(min(of_each, default=[]))
+
     def _waiting(self, question: bytes) -> deque[_Answer]:
-        """The answers to it that are left. What is read tells what is true now: an answer that nobody asked
-        for in its time is left out in virtual time, or each that is asked later would be older by so much."""
+        """The answers to it that are left. What is read tells what is true now: in virtual time an answer is
+        left out once the next one was asked for, or is about to be, nearer to now. Else each that is asked
+        after one that nobody asked for would be older by so much."""
         dialect = self._dialect
         if dialect.asks(question) is None:
             return deque()
         key = dialect.key(question)
         waiting = self._answers.get(key, deque())
         if self._leaves_out and dialect.reads(key):
-            while len(waiting) > 1 and self._schedule.due(waiting[1].asked):
+            while len(waiting) > 1:
+                one, other = waiting[0].asked, waiting[1].asked
+                if not self._schedule.due(max(0.5 * (one + other), other - EARLY_S)):
+                    break
                 waiting.popleft()
         return waiting
 
@@ -163,8 +179,9 @@ class ByNumber:
             if record.sent:
                 for message in said.feed(record.data):
                     if (number := dialect.asks(message)) is not None:
-                        keys[number] = dialect.key(message), record.t
-                        self.asked.append(record.t)
+                        key = dialect.key(message)
+                        keys[number] = key, record.t
+                        self._asked[key].append(record.t)
                 continue
             for message in heard.feed(record.data):
                 answered = dialect.answers(message)
@@ -261,10 +278,10 @@ class WirePlayer:
         loop = asyncio.get_running_loop()
         await loop.create_connection(lambda: _Stand(self, (protocol, peer)), sock=sock)
 
-    def asked(self, protocol: str) -> deque[float]:
-        """When the questions of the newest connection of ``protocol`` were asked."""
+    def polls(self, protocol: str) -> deque[float]:
+        """``ByNumber.polls`` of the newest connection of ``protocol``."""
         newest = self._newest(protocol)
-        return deque() if newest is None else newest.asked
+        return deque() if newest is None else newest.polls
 
     def next_asked(self, protocol: str, question: bytes, after: float = -inf) -> float | None:
         """``ByNumber.next_asked`` of the newest connection of ``protocol``."""

@@ -13,12 +13,13 @@ import subprocess
 import time
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractAsyncContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from cell.answer_time import answer_within
 from cell.clock import Clock
 from cell.motion import MotionBroker
 from cell.store.journal import read_journal
@@ -46,6 +47,7 @@ from tests.kit.tracker_instants import asked_as_recorded
 from tests.kit.wire_cell import WireCell, pause, wire_cell
 
 WHO = "test"
+PAUSE_S = 1.0  # the longest that a recorded program may have stood still
 LEAD_S = 0.01  # by which virtual time begins before the recording
 
 
@@ -301,14 +303,15 @@ def _stand_ins(player: WirePlayer, clock: Clock) -> Iterator[None]:
 
         def start(self) -> None:
             self._begun = clock.now()
+            self._polls = player.polls("modbus")
 
         def stop(self) -> None: ...
 
         async def wait(self) -> int:
-            asked = player.asked("modbus")
-            while asked and asked[0] <= clock.now() + 1e-6:
-                asked.popleft()
-            await clock.sleep(asked[0] - clock.now() if asked else self._period_s)
+            polls = self._polls
+            while polls and polls[0] <= clock.now() + 1e-6:
+                polls.popleft()
+            await clock.sleep(polls[0] - clock.now() if polls else self._period_s)
             number = round((clock.now() - self._begun) / self._period_s)
             self._number = max(number, self._number + 1)
             return self._number
@@ -318,7 +321,15 @@ def _stand_ins(player: WirePlayer, clock: Clock) -> Iterator[None]:
         stack.enter_context(patch.object(ChildLink, "start", start))
         for reader in ("modbus_inputs.inputs", "observed_arm.reader"):
             stack.enter_context(patch(f"drivers.{reader}.Ticker", Ticker))
+        for waits in ("modbus.link", "tracker.geocom_session"):
+            stack.enter_context(patch(f"drivers.{waits}.answer_within", _patient))
         yield
+
+
+def _patient(seconds: float) -> AbstractAsyncContextManager[None]:
+    """The recorded program did not count time that it lost while it waited. A replay loses none, and waits
+    for the answer all the same."""
+    return answer_within(seconds + PAUSE_S)
 
 
 _NOTHING = 1e-9  # a figure that small is rounding, be it a length in m or an angle in rad

@@ -20,7 +20,7 @@ from drivers.ur.framing import encode
 from fakes.object import VirtualClock
 from fakes.object.loop import run_virtual
 from fakes.replay.dialects import BY_NUMBER, IN_TURN, Cutter
-from fakes.replay.player import WirePlayer
+from fakes.replay.player import ByNumber, WirePlayer, _Schedule
 
 HOST, BEGIN = "127.0.23.1", 500.0
 
@@ -144,6 +144,44 @@ def test_what_a_station_told_while_nobody_asked_is_not_told_later() -> None:
     found = heard(STATION, (2.5, b"%R1Q,6021,1:\r\n"), (3.0, b"%R1Q,6021,2:\r\n"))
     assert [answer for _, answer in found] == [station(1, "1"), station(2, "2")]
     assert [t for t, _ in found] == pytest.approx([2.5, 3.1], abs=1e-6)
+
+
+def reading(number: int, address: int, value: int | None = None) -> bytes:
+    """A request for one holding register, or its reply."""
+    if value is None:
+        return modbus(number, struct.pack(">BBHH", 1, 3, address, 1))
+    return modbus(number, struct.pack(">BBBH", 1, 3, 2, value))
+
+
+# In the second poll of four an answer came late, and the replay gives that poll up.
+POLLED = recorded(
+    "modbus",
+    "child",
+    *((0.000, True, modbus(1, b"\1\x2b\x0e\1\0")), (0.002, False, modbus(1, b"\1\x2b\x0e"))),
+    *((1.000, True, reading(2, 10)), (1.002, False, reading(2, 10, 1))),
+    *((1.003, True, reading(3, 20)), (1.005, False, reading(3, 20, 1))),
+    *((1.050, True, reading(4, 10)), (1.300, False, reading(4, 10, 2))),
+    *((1.301, True, reading(9, 20)), (1.303, False, reading(9, 20, 2))),
+    *((1.350, True, reading(5, 10)), (1.352, False, reading(5, 10, 3))),
+    *((1.353, True, reading(6, 20)), (1.355, False, reading(6, 20, 3))),
+    *((1.400, True, reading(7, 10)), (1.402, False, reading(7, 10, 4))),
+    *((1.403, True, reading(8, 20)), (1.405, False, reading(8, 20, 4))),
+)
+
+
+def test_a_poll_begins_at_the_first_of_its_questions() -> None:
+    playback = ByNumber(POLLED, BY_NUMBER["modbus"], bytearray().extend, _Schedule(VirtualClock(BEGIN)))
+    assert [t - BEGIN for t in playback.polls] == pytest.approx([1.0, 1.05, 1.35, 1.4])
+
+
+def test_a_reading_that_nobody_asked_for_does_not_make_each_later_one_older() -> None:
+    """The driver asks the second question of each poll 1 ms earlier than it did."""
+    asked = [(0.0, modbus(1, b"\1\x2b\x0e\1\0")), (1.0, reading(2, 10)), (1.002, reading(3, 20))]
+    asked += [(1.35, reading(4, 10)), (1.352, reading(5, 20)), (1.4, reading(6, 10)), (1.402, reading(7, 20))]
+    found = [(t, answer[-1]) for t, answer in heard(POLLED, *asked)][1:]
+    assert [value for _, value in found] == [1, 1, 3, 3, 4, 4]
+    times = [1.002, 1.005, 1.352, 1.355, 1.402, 1.405]
+    assert [t for t, _ in found] == pytest.approx(times, abs=1e-6)
 
 
 def test_a_stations_answer_with_another_number_has_another_check_sum() -> None:
