@@ -182,6 +182,7 @@ _ALL = (
         data_file="belt.json",
         jobs=("procedures.belt.calibrating.procedure:BeltCalibration",),
         report="procedures.belt.report.calibration:BELT_CALIBRATION",
+        expectation="procedures.belt.calibrating.expectation:calibration_expectation",
         truth="procedures.belt.truth:judge_belt",
         rehearsal="procedures.belt.rehearsal:rehearse_calibration",
         measures=("belt",),

@@ -30,8 +30,6 @@ def belt_setup(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
             f"belt_z_m is {job.belt_z_m:g} m here and {z:g} m in [job.belt-calibration]; it is the "
             "height of one belt in the base"
         )
-    if other is not None and other.source == "camera":
-        yield from needs_depth(setup, "belt-calibration", other.items)
 
 
 def needs_depth(setup: Setup, job: str, items: ItemLook) -> Iterator[str]:
