@@ -20,6 +20,7 @@ _SIGMA_STEREO_M = (
 _SCALE_SIGMA = 0.02  # of a height by a stereo pair, as the detector states it
 _WHOLE_PX, _SMEARED = 4.0, 0.1  # a smear that does no harm; by each pixel more, of the middle along the belt
 _RIM_PX = 5.0
+_ABOUT = 3.0  # the detector's window about a face, in sizes of that
 _LOOK_M = 1.2  # along the belt, each way from below the camera
 
 
@@ -44,6 +45,7 @@ def items_seen(
             continue
         sigma_h = look.height_sigma_m(middle, normal, size_m)
         height = look.height_told(float(normal @ middle) - float(spec["offset_m"]) + sigma_h * noise[5])
+        height += look.height_off_m(middle, normal, size_m, float(spec["offset_m"]))
         if not spec["min_height_m"] <= height <= spec["max_height_m"]:
             continue
         if not spec["size_m"][0] <= max(size_m[:2]) <= spec["size_m"][1]:
@@ -89,21 +91,33 @@ class Look:
         return height_m if self.camera.stereo is None else self.camera.stereo.scale * height_m
 
     def height_sigma_m(self, middle: Array, normal: Array, size_m: Sequence[float]) -> float:
-        """Of the height that depth gives to a face of that size with its ``middle`` (3,) in the camera, m.
+        """Noise of the height that depth gives to a face of that size, whose ``middle`` (3,) is in the
+        camera, m.
 
         It is the mean of a face above that of the belt beside it, which is about as large in the detector's
         window. Neighbours share their noise, as in :mod:`fakes.frames.stereo`, and parts that do not share it
-        average; what rounding to steps does to the whole face does not.
+        average; what rounding to steps does to the whole face is the same in each picture: `height_off_m`.
         """
         if (stereo := self.camera.stereo) is None:
             return 0.0
         depth_m, (fx, fy) = float(middle[2]), self.camera.K[:2]
         parts = max(size_m[0] * size_m[1] * fx * fy / (depth_m * SHARED_PX) ** 2, 1.0)
-        # A slope of the face against the picture spreads its disparities, about as noise does.
-        slope = np.linalg.norm(normal[:2]) * np.hypot(size_m[0], size_m[1]) / np.sqrt(24.0)
-        common = stereo.common_step_m(depth_m, float(slope))
+        common = stereo.common_step_m(depth_m, _depth_spread_m(normal, size_m))
         averages = stereo.depth_sigma_m(depth_m) ** 2 - common**2
-        return float(abs(normal @ middle) / depth_m * np.sqrt(2.0 * (common**2 + averages / parts)))
+        return float(abs(normal @ middle) / depth_m * np.sqrt(2.0 * averages / parts))
+
+    def height_off_m(self, middle: Array, normal: Array, size_m: Sequence[float], offset_m: float) -> float:
+        """By how much that height is off at this place of the picture, for all items alike, m: what steps and
+        millimetres do to the mean of the face, less what they do to that of the belt about it, which is
+        ``offset_m`` from the camera. In pictures it is half as much again, as the detector leaves out what is
+        far from the middle, by steps as well."""
+        if (stereo := self.camera.stereo) is None:
+            return 0.0
+        face_m, upright = float(middle[2]), float(normal @ middle) / float(middle[2])
+        spread_m = _depth_spread_m(normal, size_m)
+        face = stereo.told_off_m(face_m, spread_m)
+        belt = stereo.told_off_m(offset_m / upright, _ABOUT * spread_m)
+        return upright * (face - belt)
 
     def placed(self, point: Array, normal: Array) -> Array:
         """Where the sight through the pixel of ``point`` (3,), by the detector's lens, meets its level."""
@@ -114,6 +128,12 @@ class Look:
         sight = np.append(xy, 1.0)
         out: Array = sight * float(normal @ point) / float(normal @ sight)
         return out
+
+
+def _depth_spread_m(normal: Array, size_m: Sequence[float]) -> float:
+    """Standard deviation of the depths of a face that lies aslant in the picture, m: it spreads disparities
+    about as noise does."""
+    return float(np.linalg.norm(normal[:2]) * np.hypot(size_m[0], size_m[1]) / np.sqrt(24.0))
 
 
 def _slant(point: Array, normal: Array) -> float:

@@ -30,6 +30,7 @@ class ToldTruth(Strict):
 
 # Noise of a disparity where it is interpolated between neighbours, root mean square.
 _BETWEEN = 2.0 / 3.0
+_NODES = np.linspace(-4.0, 4.0, 161)  # of a normal distribution, in standard deviations
 
 
 class StereoTruth(Strict):
@@ -60,6 +61,21 @@ class StereoTruth(Strict):
         s = np.hypot(_BETWEEN * self.noise_px, spread_m / self._m_per_px(depth_m))
         harmonics = q / (np.pi * k * np.sqrt(2.0)) * np.exp(-2.0 * (np.pi * k * s / q) ** 2)
         return self._m_per_px(depth_m) * float(np.linalg.norm(harmonics))
+
+    def told_off_m(self, depth_m: float, spread_m: float) -> float:
+        """By how much the mean of a face's told depths is off ``depth_m``, of which they are told ``scale``
+        times, where its own depths have the standard deviation ``spread_m``.
+
+        Steps of disparity are told in whole millimetres. Noise and spread average over the steps, and each of
+        these steps is off by its own rounding all the same: where a millimetre and a step drift along each
+        other, over some centimetres of depth, the mean is off by up to 0.4 mm. It is alike in all pictures.
+        """
+        s = np.hypot(_BETWEEN * self.noise_px, spread_m / self._m_per_px(depth_m))
+        product = 1000.0 * self.focal_px * self.baseline_m  # px mm
+        weight = np.exp(-0.5 * _NODES**2)
+        disparity = np.round(self.steps * (product / (1000.0 * depth_m) + s * _NODES)) / self.steps
+        told = np.floor(self.scale * product / np.maximum(disparity, 1.0 / self.steps) + 0.5)
+        return float(1e-3 * (weight @ told) / weight.sum() - self.scale * depth_m)
 
     def _m_per_px(self, depth_m: float) -> float:
         """Depth by disparity."""
