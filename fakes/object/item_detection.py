@@ -109,8 +109,8 @@ class Look:
     def height_off_m(self, middle: Array, normal: Array, size_m: Sequence[float], offset_m: float) -> float:
         """By how much that height is off at this place of the picture, for all items alike, m: what steps and
         millimetres do to the mean of the face, less what they do to that of the belt about it, which is
-        ``offset_m`` from the camera. In pictures it is half as much again, as the detector leaves out what is
-        far from the middle, by steps as well."""
+        ``offset_m`` from the camera. In pictures it is larger, as the detector leaves out what is far from
+        the middle, by steps as well."""
         if (stereo := self.camera.stereo) is None:
             return 0.0
         face_m, upright = float(middle[2]), float(normal @ middle) / float(middle[2])
