@@ -36,6 +36,8 @@ ABOVE_M, ALONG_M = 0.008, {"xs": 0.025, "ys": 0.02}  # where the way begins
 STATE_S, POLL_S, STAMP_S, LATENCY_S, BEAM_RADIUS_M = 0.008, 0.005, 0.00025, 0.002, 5e-4
 BAND_M = 5e-5  # by how much more distance a beam clears than it breaks
 LATE_S = 0.04
+# Half of what replies take on the wire: 0.9 ms the quickest, half within 1.4, nine of ten within 2.2.
+QUICKEST_S, LONGER_S, PERIOD_SD_S = 8e-4, 3.3e-4, 4e-4
 # Of daemon/demo/bay.toml.
 SHORT = {"measure_speed_m_s": 0.025, "passes": 3, "lead_m": 0.003, "z_resolution_m": 5e-5}
 HEIGHT_M, SLOPE = 2.5e-3, 1e-3
@@ -47,8 +49,9 @@ class World:
     """Fixture, arm and polls; one draw of all of them by ``seed``.
 
     ``sigma`` (m) is one axis of the arm at a standstill, ``late`` the share of polls that come up to 40 ms
-    late; ``warp`` is by how much, of the way from where a beam is crossed first, the arm goes too far in each
-    direction for each direction: links, gears and sag, which change little over a fixture. ``lean`` (2,)
+    late, ``replies`` says that they take as long as on the wire; ``warp`` is by how much, of the way from
+    where a beam is crossed first, the arm goes too far in each direction for each direction: links, gears and
+    sag, which change little over a fixture. ``lean`` (2,)
     rad is how the tool stands turned about the flange's x and y; ``shift`` (3,) m and ``turn`` (3,) rad bend
     it about its point, both in the flange.
     """
@@ -57,6 +60,7 @@ class World:
     part: Part = ROUND
     sigma: float = 1.4e-5
     late: float = 0.0
+    replies: bool = False
     warp: float = 0.0
     lean: Array = field(default_factory=lambda: np.zeros(2))
     shift: Array = field(default_factory=lambda: np.zeros(3))
@@ -149,10 +153,16 @@ class World:
     def _polls(self, t: float, end: float, changes: list[float]) -> tuple[Sample[InputsState], ...]:
         n = int((end - t) / POLL_S) + 2  # as many as there can be
         late = np.where(self.rng.random(n) < self.late, LATE_S * self.rng.random(n), 0.0)
-        lag = late + STAMP_S * (2.0 * self.rng.random(n) - 1.0)
+        half = np.full(n, STAMP_S)
         reply = late + POLL_S * (0.2 + 0.8 * self.rng.random(n))  # a reply takes a moment
+        period: Array | float = POLL_S
+        if self.replies:
+            half = QUICKEST_S + LONGER_S * self.rng.standard_gamma(2.0, n)
+            reply, period = late + 2.0 * half, POLL_S + PERIOD_SD_S * self.rng.standard_normal(n)
+        own = half - QUICKEST_S if self.replies else half
+        lag = late + own * (2.0 * self.rng.random(n) - 1.0)
         sent = [t]
-        for wait in np.maximum(reply, POLL_S).tolist():
+        for wait in np.maximum(reply, period).tolist():
             sent.append(sent[-1] + wait)
         begin = np.array([s for s in sent[:-1] if s < end])
         seen = np.searchsorted(changes, begin + lag[: len(begin)], side="right")
@@ -160,7 +170,7 @@ class World:
         for k, n_seen in enumerate(seen.tolist()):
             level, count = n_seen % 2 == 1, count + (level != (n_seen % 2 == 1))
             state = InputsState((level, level), (count, count))
-            found.append(Sample(state, float(begin[k] + late[k]), STAMP_S, k))
+            found.append(Sample(state, float(begin[k] + late[k]), float(half[k]), k))
         return tuple(found)
 
 

@@ -3,8 +3,9 @@
 ``python -m bench.laser_scan [COUNT] [CELL]... [--gates] [--first SEED]``: a reference, a bump, a measurement;
 with ``--gates`` then the second scan of the update, a check of the tool as it is, and one after a bump by the
 size that is promised to be found. A cell is the tool's end, the arm's standard deviation of one axis in um,
-``late`` when one poll of ten comes up to 40 ms late, ``warped`` when links, gears and sag of the arm are a
-little off, ``short`` with the search of the demo, and ``straight`` with a tool that does not lean:
+``late`` when one poll of ten comes up to 40 ms late, ``replies`` when they take as long as on the wire,
+``warped`` when links, gears and sag of the arm are a little off, ``short`` with the search of the demo, and
+``straight`` with a tool that does not lean:
 ``round-14``, ``flat-30-late``, ``round-14-warped-short``. With ``--keep FILE`` a bench that was ended
 goes on where it was. Scan, solver and verdicts are the jobs'; arm, beams and polls are
 ``bench/_laser_world.py``. Heights of the beams, bumps and all else is drawn anew each time.
@@ -76,6 +77,7 @@ class Fixture:
             ROUND if kind == "round" else FLAT,
             1e-6 * float(sigma),
             0.1 if late else 0.0,
+            "replies" in more,
             WARP if "warped" in more else 0.0,
             lean,
         )

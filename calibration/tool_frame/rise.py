@@ -129,7 +129,7 @@ class Rise:
         evidence = sum(
             (self.densities[b, now].evidence for b in self.beams for now in (False, True)), np.zeros(())
         )
-        z, var = self._each(self.at)
+        z, var, _ = self._each(self.at)
         if len(z) == 2:
             spread = var[0] + var[1] + _AGREE_M**2
             evidence = evidence - 0.5 * ((z[0] - z[1]) ** 2 / spread + np.log(spread))
@@ -138,11 +138,11 @@ class Rise:
     def _own_weight(self, evidence: Array) -> Array:
         return weights(evidence, self.ends, self.scatter)
 
-    def _each(self, at: At) -> tuple[Array, Array]:
-        """(B, E, S) displacement by each beam, and its variance."""
+    def _each(self, at: At) -> tuple[Array, Array, Array]:
+        """(B, E, S) displacement by each beam, and its variance; and (B, E) m, what both lack alike."""
         vertical = self.vertical
         sideways = vertical.displacement(at, 0.0)
-        found, variances = [], []
+        found, variances, alike = [], [], []
         for beam in self.beams:
             lift = vertical.lifts[beam]
             slope = float(-vertical.axis @ lift)
@@ -150,23 +150,28 @@ class Rise:
             bulge, sigma = self._bulge(beam, at)
             lower = then.mean - now.mean - float(lift @ sideways) + bulge[:, None]
             found.append(lower / slope)
-            variances.append((then.var + now.var + sigma**2) / slope**2)
-        return np.stack(found), np.stack(variances)
+            variances.append((then.var + now.var) / slope**2)
+            alike.append(sigma / abs(slope))
+        return np.stack(found), np.stack(variances), np.stack(alike)
 
     def _mixture(self, at: At) -> tuple[Array, Array]:
         """(E, S) displacement by both beams together, and its variance."""
-        z, var = self._each(at)
+        z, var, alike = self._each(at)
         total = 1.0 / np.sum(1.0 / var, axis=0)
-        return total * np.sum(z / var, axis=0), total
+        return total * np.sum(z / var, axis=0), total + np.mean(alike, axis=0)[:, None] ** 2
 
-    def _bulge(self, beam: str, at: At) -> tuple[Array, float]:
-        """(E,) how much lower each end reaches now than in the reference, m, and what is not known of it."""
+    def _bulge(self, beam: str, at: At) -> tuple[Array, Array]:
+        """(E,) how much lower each end reaches now than in the reference, m, and (E,) what is not known of
+        it."""
         if self.fingers:
             # Of several fingers it is not known where along the beam each of them is.
             most = sum(self.radius[b] * abs(at.tilt.get(b, 0.0) - at.own_tilt.get(b, 0.0)) for b in BEAMS)
-            return np.array([0.5 * most]), most / float(np.sqrt(12.0))
+            return np.array([0.5 * most]), np.array([most / float(np.sqrt(12.0))])
         then, now = self._view(beam, False, at), self._view(beam, True, at)
-        return np.array([now.bulge(end) - then.bulge(end) for end in self.ends]), 0.0
+        lower = np.array([now.bulge(end) - then.bulge(end) for end in self.ends])
+        # Of an end without a shape anything from nothing to twice as much.
+        other = np.array([end.kind == "other" for end in self.ends])
+        return lower, np.where(other, np.abs(lower) / float(np.sqrt(3.0)), 0.0)
 
     def _density(self, beam: str, current: bool) -> Density:
         v = self.vertical

@@ -92,9 +92,14 @@ class ToolInBeam:
             return self.radius * abs(float(self.lift @ self.n))
         if end.kind == "flat":
             own = max(end.rim - max(0.5 * self.chord - self.radius, 0.0), 0.0)  # of the rim, without the beam
-            tilt = float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
-            return max(self.radius - own, 0.0) * tilt
+            return max(self.radius - own, 0.0) * self._tilt
+        if end.kind == "other":
+            return 0.5 * self.radius * self._tilt  # none as of a ball, or as much as of a flat end
         return 0.0
+
+    @property
+    def _tilt(self) -> float:
+        return float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
 
     def lengths(self, ends: Sequence[TipShape], depth: Array, sense: float = 1.0) -> Array:
         """(E, ...) how long (m) each end breaks the beam at ``depth`` (...) m below the first contact; 0

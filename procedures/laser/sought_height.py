@@ -84,7 +84,9 @@ class SoughtHeight:
             return [plain_hit(-depth, pair)]
         places = np.maximum.accumulate(way.direction * way.along(np.array([p.t for p in way.polls])))
         dark = np.array([p.value.levels[way.beam.index] for p in way.polls])
-        soft = float(np.median([p.dt for p in way.polls])) * abs(way.speed_at(float(np.mean(way.t))))
+        dt = np.array([p.dt for p in way.polls])
+        # What even the quickest reply takes is the same for all polls.
+        soft = float(np.median(dt) - np.min(dt)) * abs(way.speed_at(float(np.mean(way.t))))
         pulse = None
         if (seen := way.edges()) and not dark.any():
             ends = way.direction * way.along(np.array([seen[0].t - seen[0].dt, seen[0].t + seen[0].dt]))

@@ -34,6 +34,9 @@ def scene_of(data: LaserData) -> ToolFrameScene:
 
 
 def _passes(entries: Sequence[PassEntry], current: bool) -> list[Pass]:
+    """What even the quickest reply takes is the same for all polls and counts to the input's delay: only by
+    what others take longer may their times be off (Cristian, "Probabilistic clock synchronization", 1989)."""
+    quickest = min((min(e.poll_dt) for e in entries if e.poll_dt), default=0.0)
     return [
         Pass(
             index=k,
@@ -45,7 +48,7 @@ def _passes(entries: Sequence[PassEntry], current: bool) -> list[Pass]:
             poll_t=np.array(e.poll_t),
             poll_v=np.array(e.poll_v) != 0,
             poll_n=None if e.poll_n is None else np.array(e.poll_n, dtype=np.int64),
-            poll_dt=None if e.poll_dt is None else np.array(e.poll_dt),
+            poll_dt=None if e.poll_dt is None else np.array(e.poll_dt) - quickest,
         )
         for k, e in enumerate(entries)
     ]

@@ -13,7 +13,7 @@ from calibration.tool_frame.height_search import HeightSearch, sought
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
 from calibration.tool_frame.standstills import SHARED
-from calibration.tool_frame.tip import ENDS, TipShape
+from calibration.tool_frame.tip import ENDS, TipShape, ToolInBeam
 from cell.formats.laser import parse_laser
 from cell.poses import Array
 from procedures.laser.solve.data import scene_of
@@ -32,7 +32,7 @@ from tests.kit.height_scene import (
     searched,
     stepped,
 )
-from tests.kit.laser_scene import BALL, Bench, data_set
+from tests.kit.laser_scene import BALL, Bench, Part, data_set
 
 SIGMA = 1e-5
 
@@ -209,3 +209,24 @@ def test_the_height_goes_with_what_is_not_known_across() -> None:
     )
     assert np.any(np.abs(found.cov[2, [0, 1, 3, 4]]) > 0.0)
     assert np.all(np.linalg.eigvalsh(found.cov) > -1e-18)
+
+
+def test_an_end_of_no_known_shape_leaves_open_how_much_lower_it_reaches_tilted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A ball of the tool's radius reaches no lower, a flat end by the tilt times the radius."""
+    other = (TipShape("other", 1.0, 0.15),)
+    monkeypatch.setattr("calibration.tool_frame.rise.ENDS", other)
+    most = 0.003 * 0.01
+    found = {}
+    for turn in (0.0, 0.01):
+        bench = Bench(seed=6, turn=(turn, 0.0, 0.0), parts=(Part(0.003),))
+        found[turn] = solve(scene_of(parse_laser(data_set(bench, depths=(0.006, 0.031)), "m")))
+    tilted, straight = found[0.01].z_sigma, found[0.0].z_sigma
+    assert tilted is not None
+    assert straight is not None
+    assert tilted**2 > straight**2 + 0.7 * most**2 / 12.0
+    assert abs(found[0.01].dp[2]) < 2.6 * tilted
+    across, beam, up = np.eye(3)
+    view = ToolInBeam.of(np.array([np.sin(0.01), 0.0, -np.cos(0.01)]), across, beam, up, 0.003, 0.007)
+    assert view.bulge(other[0]) == pytest.approx(0.5 * most, rel=0.01)

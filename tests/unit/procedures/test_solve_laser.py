@@ -76,6 +76,20 @@ def test_a_bent_tool_gives_a_result_in_the_format(result: dict[str, Any]) -> Non
     json.dumps(result, allow_nan=False)
 
 
+def test_replies_that_all_take_longer_leave_no_more_open(tmp_path: Path) -> None:
+    """What every reply takes counts to the input's delay; what some take longer is what is not known."""
+    data = data_set(Bench(seed=8, shift=SHIFT, counters=True), depths=(0.006, 0.031), pairs=2)
+    quick = solve_laser(write(tmp_path, data))
+    for entry in data["reference"]["passes"] + data["current"]["passes"]:
+        entry["poll_dt"] = [2e-3 + 2e-3 * (k % 2) for k in range(len(entry["poll_dt"]))]
+    uneven = solve_laser(write(tmp_path, data))
+    for entry in data["reference"]["passes"] + data["current"]["passes"]:
+        entry["poll_dt"] = [2e-3] * len(entry["poll_dt"])
+    slow = solve_laser(write(tmp_path, data))
+    assert slow["result"]["cov"] == quick["result"]["cov"]
+    assert uneven["uncertainty"]["U_xy_m"] > 1.2 * slow["uncertainty"]["U_xy_m"]
+
+
 def test_the_entries_can_be_sent_to_a_worker_process() -> None:
     for entry in (solve_laser, solve_reference):
         assert pickle.loads(pickle.dumps(entry)) is entry
