@@ -436,7 +436,10 @@ class Gripper(Device, Protocol):
 
     @property
     def confirms(self) -> bool:
-        """Whether anything tells that something is held; without, an empty closing counts as a grip."""
+        """Whether anything tells that something is held; without, an empty closing counts as a grip.
+
+        It is on the class: a configuration whose driver lacks it is refused.
+        """
         ...
 
     async def grip(self, timeout: float) -> bool:

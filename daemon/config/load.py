@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_m
 
 from cell.errors import error
 from cell.formats.capture import TARGETS
-from cell.kinds import plays
+from cell.kinds import lacking, plays
 from cell.store.files import to_json
 from daemon.config.checks import check_contradictions, check_names, check_units
 from daemon.config.drivers import DRIVERS, bindings, driver_class
@@ -294,7 +294,15 @@ def _check_roles(
     for role, name in devices_by_role(named, devices).items():
         found = devices[name]
         wanted = ROLES[role].protocol
-        if found is None or plays(driver := driver_class(found.driver, drivers), wanted):
+        if found is None:
+            continue
+        driver = driver_class(found.driver, drivers)
+        if plays(driver, wanted):
+            if lacks := lacking(driver, wanted):
+                what = (
+                    f"driver '{found.driver}' lacks {' and '.join(lacks)}, of cell.devices.{wanted.__name__}"
+                )
+                findings.add(("device", name, "driver"), f"{what}; its package is of another version")
             continue
         what = f"the role '{role}' needs {ROLES[role].kind}, but [device.{name}] is {kind_of(driver)}"
         if named.get(role):

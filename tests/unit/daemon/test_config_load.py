@@ -29,12 +29,12 @@ class CameraConfig(BaseModel):
     delay_s: float = Field(0.1, gt=0, le=5)
 
 
-class Camera:
+class Camera(DepthCamera):
     Config = CameraConfig
     PLAYS = (DepthCamera,)
 
 
-class Inputs:
+class Inputs(DigitalInputs):
     Config = CameraConfig
     PLAYS = (DigitalInputs,)
 

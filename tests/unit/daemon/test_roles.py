@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
+import fakes.object
 from cell.devices import Arm, DepthCamera, Device, Gripper
 from cell.errors import CellError
-from cell.kinds import as_kind, plays
+from cell.kinds import as_kind, lacking, plays
 from cell.run_devices import RunDevices
 from cell.run_values import RunValues
 from daemon.config import ConfigInvalid, load_config
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.roles import ROLES
-from fakes.object.gripper import ObjectGripper
 from tests.kit.cli_harness import CommandLine
 
 KIND_OF_ROLE = {
@@ -176,12 +176,25 @@ def test_a_device_is_given_as_the_kind_that_it_says_it_is_and_as_no_other() -> N
         as_kind(eye, Arm)
 
 
-def test_every_gripper_has_what_its_protocol_asks() -> None:
-    asked = {name for name in vars(Gripper) if not name.startswith("_")}
-    assert asked == {"confirms", "grip", "release", "holding"}
-    grippers = [ObjectGripper, *(found for name in DRIVERS if plays(found := driver_class(name), Gripper))]
-    assert len(grippers) == 4
-    assert [found.__name__ for found in grippers if not asked <= set(dir(found))] == []
+def test_every_driver_has_what_its_kind_asks() -> None:
+    assert {"confirms", "grip", "holding", "open"} <= set(lacking(object, Gripper))
+    known = [*map(driver_class, DRIVERS), *(vars(fakes.object)[name] for name in fakes.object.__all__)]
+    found = [
+        (c.__name__, lacking(c, r.protocol)) for r in ROLES.values() for c in known if plays(c, r.protocol)
+    ]
+    assert len(found) > 20
+    assert [one for one in found if one[1]] == []
+
+
+def test_a_driver_of_another_version_is_a_finding_before_anything_runs(
+    subject: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr("drivers.ur.gripper.ArmGripper.confirms")
+    subject.write_text(CELL + 'gripper = "arm-gripper"\n')
+    with pytest.raises(
+        ConfigInvalid, match=r"driver 'arm-gripper' lacks confirms, of cell\.devices\.Gripper"
+    ):
+        load_config(subject)
 
 
 class Fingers:
