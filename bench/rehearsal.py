@@ -4,9 +4,10 @@
 job: in how many twins it ended well, in how many the result's errors were all below the 95 % limits stated
 for them, with the exact 95 % interval of that share, the cell's time, the computer's (its processor's), and
 the longest time that a person waits. Below it are each error that has a limit with a unit beside that limit
-(both RMS over the twins), the twins that took more than the minute that a rehearsal may take, those in
-which it did not end well, and those outside: each error there in units of its limit. A job with a word behind
-a slash is rehearsed with that source. The cell is ``deploy/cell.toml`` with every part that is
+(both RMS over the twins) and in how many it was inside by itself, the twins that took more than the minute
+that a rehearsal may take, those in which it did not end well, and those outside: each error there in units of
+its limit. A job with a word behind a slash is rehearsed with that source. The cell is
+``deploy/cell.toml`` with every part that is
 commented out there, its palletizer for corrected-targets alone, and sections of iso9283 and of the delay
 of the belt's encoder. With ``--keep FILE`` a bench that was ended goes on where it was, and the
 table is made of all twins in the file.
@@ -139,7 +140,11 @@ def lines_of(of_job: Sequence[Played]) -> Iterator[str]:
         of = [(o.of95[name], *o.limits95[name]) for o in outcomes if name in o.limits95]
         off, stated95 = (_rms(v) for v in zip(*((share * size, size) for share, size, _ in of), strict=True))
         unit, per = UNITS[of[0][2]]
-        yield f"    {name}: {per * off:.4f} {unit} off (RMS), {per * stated95:.4f} {unit} stated (95 %, RMS)"
+        within = sum(share <= 1.0 for share, _, _ in of)
+        yield (
+            f"    {name}: {per * off:.4f} {unit} off (RMS), {per * stated95:.4f} {unit} stated (95 %, RMS), "
+            f"{within}/{len(of)} inside"
+        )
     for outcome in outcomes:
         if not outcome.succeeded:
             why = "; ".join(outcome.why) or f"{outcome.off} off, {outcome.stated} stated"

@@ -88,12 +88,14 @@ def test_what_is_kept_is_read_as_it_was_also_with_figures_that_are_no_more(tmp_p
 def test_errors_stand_beside_their_limits_in_units_for_people() -> None:
     limits = {"shift": (0.002, "m"), "scale": (0.001, "1")}
     outcomes = [
-        RehearsedRun(seed, "complete", 60.0, "pass", "", "", True, True, {"shift": 0.5, "scale": 0.3}, limits)
-        for seed in (1, 2)
+        RehearsedRun(
+            seed, "complete", 60.0, "pass", "", "", True, True, {"shift": shift, "scale": 0.3}, limits
+        )
+        for seed, shift in ((1, 1.25), (2, 0.75))
     ]
     assert list(subject.lines_of([subject.Played("x", outcome, 2.0) for outcome in outcomes]))[1:] == [
-        "    shift: 1.0000 mm off (RMS), 2.0000 mm stated (95 %, RMS)",
-        "    scale: 0.0300 % off (RMS), 0.1000 % stated (95 %, RMS)",
+        "    shift: 2.0616 mm off (RMS), 2.0000 mm stated (95 %, RMS), 1/2 inside",
+        "    scale: 0.0300 % off (RMS), 0.1000 % stated (95 %, RMS), 2/2 inside",
     ]
 
 
