@@ -36,7 +36,7 @@ ABOVE_M, ALONG_M = 0.008, {"xs": 0.025, "ys": 0.02}  # where the way begins
 STATE_S, POLL_S, STAMP_S, LATENCY_S, BEAM_RADIUS_M = 0.008, 0.005, 0.00025, 0.002, 5e-4
 BAND_M = 5e-5  # by how much more distance a beam clears than it breaks
 LATE_S = 0.04
-# Half of what replies take on the wire: 0.9 ms the quickest, half within 1.4, nine of ten within 2.2.
+# Half of what replies take, by one run on the wire: 1 % below 0.9 ms, half below 1.4, 90 % below 2.2.
 QUICKEST_S, LONGER_S, PERIOD_SD_S = 8e-4, 3.3e-4, 4e-4
 # Of daemon/demo/bay.toml.
 SHORT = {"measure_speed_m_s": 0.025, "passes": 3, "lead_m": 0.003, "z_resolution_m": 5e-5}
@@ -51,9 +51,8 @@ class World:
     ``sigma`` (m) is one axis of the arm at a standstill, ``late`` the share of polls that come up to 40 ms
     late, ``replies`` says that they take as long as on the wire; ``warp`` is by how much, of the way from
     where a beam is crossed first, the arm goes too far in each direction for each direction: links, gears and
-    sag, which change little over a fixture. ``lean`` (2,)
-    rad is how the tool stands turned about the flange's x and y; ``shift`` (3,) m and ``turn`` (3,) rad bend
-    it about its point, both in the flange.
+    sag, which change little over a fixture. ``lean`` (2,) rad is how the tool stands turned about the
+    flange's x and y; ``shift`` (3,) m and ``turn`` (3,) rad bend it about its point, both in the flange.
     """
 
     seed: int

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 from cell.corrected_stamps import CorrectedCamera, CorrectedEncoder
 from cell.devices import Arm, DepthCamera, Device, DigitalInputs, Encoder, Gripper, ObservedArm
-from cell.errors import error
 from cell.kinds import D, as_kind
 from cell.laser_tracker import LaserTracker
 from cell.modelled_arm import ArmModels, ModelledArm
@@ -58,15 +57,8 @@ class RunDevices:
         return 0.0 if offset is None else offset["effective"] - offset["applied"]
 
     def gripper(self) -> Gripper:
-        """The gripper on the arm; ``INTERNAL`` for one that does not say whether anything confirms its grip.
-
-        No type check of ours has seen the driver of another package.
-        """
-        gripper = self.device("gripper", Gripper)
-        if not hasattr(gripper, "confirms"):
-            text = f"the driver of the gripper '{gripper.name}' lacks 'confirms', of cell.devices.Gripper"
-            raise error("INTERNAL", text)
-        return gripper
+        """The gripper on the arm."""
+        return self.device("gripper", Gripper)
 
     def grips_confirmed(self) -> bool:
         """Whether anything confirms what the gripper holds."""

@@ -51,8 +51,8 @@ class Pass:
     """One way across a beam; ``index`` counts within its set, the reference's or the current one.
 
     ``pose_xyz`` (n, 3) is the flange in the base at ``pose_t`` (n,); ``poll_v`` (m,) says whether the beam
-    was broken at ``poll_t`` (m,), ``poll_n`` counts its changes, ``poll_dt`` is how far each
-    poll's time may be off.
+    was broken at ``poll_t`` (m,), ``poll_n`` counts its changes, ``poll_dt`` is how far each poll's
+    time may be off.
     """
 
     index: int

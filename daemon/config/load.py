@@ -302,7 +302,10 @@ def _check_roles(
                 what = (
                     f"driver '{found.driver}' lacks {' and '.join(lacks)}, of cell.devices.{wanted.__name__}"
                 )
-                findings.add(("device", name, "driver"), f"{what}; its package is of another version")
+                findings.add(
+                    ("device", name, "driver"),
+                    f"{what}: install the version of its package for this Cellward",
+                )
             continue
         what = f"the role '{role}' needs {ROLES[role].kind}, but [device.{name}] is {kind_of(driver)}"
         if named.get(role):

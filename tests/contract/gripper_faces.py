@@ -9,11 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
 import pytest
 
 from cell.clock import MonotonicClock
-from cell.poses import Array
 from cell.testing import Bench, GripperRig
 from drivers.grippers import ModbusGripper, RobotiqGripper
 from fakes.faults.vocabulary import Faulty
@@ -22,42 +20,10 @@ from fakes.twin.gripper import TwinGripper
 from fakes.world.belt.gripper import Gripper as WorldGripper
 from fakes.world.belt.item_truth import GripperTruth
 from fakes.world.scenario import FakeAddresses
-from tests.kit.one_item import one_item_under_the_tool
+from tests.kit.one_item import NO_ITEM, POINT, Thing, one_item_under_the_tool
 
 HOST, PORT = f"127.0.22.{100 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}", 5506
 DRIVERS: dict[str, Any] = {"modbus-gripper": ModbusGripper, "robotiq": RobotiqGripper}
-POINT = np.zeros(3)
-NO_ITEM = """
-schema = "cellward.scenario/1"
-[world.arm]
-model = "ur10e"
-q_start = [0.0, -1.8, 1.8, -1.57, -1.57, 0.0]
-[world.gripper]
-output = 0
-close_s = 0.3
-open_s = 0.3
-"""
-
-
-class Part:
-    """The one thing between fingers that stand where they are; nothing unless it is ``there``."""
-
-    def __init__(self, there: bool) -> None:
-        self._there = there
-
-    def nearest(self, t: float, point: Array) -> tuple[int, Array] | None:
-        """As the world's items."""
-        return (1, POINT) if self._there else None
-
-    def grasp_point(self, number: int, t: float) -> Array:
-        """As the world's items."""
-        return POINT
-
-    def take(self, number: int, t: float) -> None:
-        """As the world's items."""
-
-    def let_go(self, number: int, t: float) -> None:
-        """As the world's items."""
 
 
 @asynccontextmanager
@@ -83,7 +49,7 @@ async def _object(counts_after_s: float | None = None, part: bool = False) -> As
 @asynccontextmanager
 async def _wire(by: str, part: bool = False) -> AsyncIterator[GripperRig]:
     clock = MonotonicClock()
-    world = WorldGripper(GripperTruth(close_s=0.15, open_s=0.1), Part(part), lambda t: POINT)
+    world = WorldGripper(GripperTruth(close_s=0.15, open_s=0.1), Thing(part), lambda t: POINT)
     with TemporaryDirectory(prefix="gripper-") as folder:
         addresses = FakeAddresses(gripper_by=by, gripper_port=PORT)  # type: ignore[arg-type]
         twin = TwinGripper(world, addresses, HOST, Path(folder))

@@ -10,7 +10,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -28,33 +27,17 @@ from fakes.twin.gripper import TwinGripper
 from fakes.world.belt.gripper import Gripper as WorldGripper
 from fakes.world.belt.item_truth import GripperTruth
 from fakes.world.scenario import FakeAddresses
+from tests.kit.one_item import POINT, Thing
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.22.1"
 KINDS = ("modbus", "robotiq-rtu", "robotiq-urcap")
-TOOL = np.zeros(3)
 DRIVERS: dict[str, Any] = {"modbus-gripper": ModbusGripper, "robotiq": RobotiqGripper}
-
-
-class Thing:
-    """One thing between the fingers, which follows them; nothing when ``there`` is False."""
-
-    def __init__(self, there: bool) -> None:
-        self.there = there
-
-    def nearest(self, t: float, point: Any) -> Any:
-        return (1, point) if self.there else None
-
-    def grasp_point(self, number: int, t: float) -> Any:
-        return TOOL
-
-    def take(self, number: int, t: float) -> None: ...
-    def let_go(self, number: int, t: float) -> None: ...
 
 
 @asynccontextmanager
 async def twin(by: str, folder: Path, there: bool = True) -> AsyncIterator[TwinGripper]:
-    world = WorldGripper(GripperTruth(close_s=0.15, open_s=0.1), Thing(there), lambda t: TOOL)
+    world = WorldGripper(GripperTruth(close_s=0.15, open_s=0.1), Thing(there), lambda t: POINT)
     made = TwinGripper(world, FakeAddresses(gripper_by=by, gripper_port=5504), HOST, folder)  # type: ignore[arg-type]
     await made.start()
     try:

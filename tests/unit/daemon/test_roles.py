@@ -1,7 +1,6 @@
 """A role that names a device of another kind: one finding with its line and a hint, and no start."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -9,8 +8,6 @@ import fakes.object
 from cell.devices import Arm, DepthCamera, Device, Gripper
 from cell.errors import CellError
 from cell.kinds import as_kind, lacking, plays
-from cell.run_devices import RunDevices
-from cell.run_values import RunValues
 from daemon.config import ConfigInvalid, load_config
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.roles import ROLES
@@ -195,18 +192,3 @@ def test_a_driver_of_another_version_is_a_finding_before_anything_runs(
         ConfigInvalid, match=r"driver 'arm-gripper' lacks confirms, of cell\.devices\.Gripper"
     ):
         load_config(subject)
-
-
-class Fingers:
-    name = "fingers"
-    PLAYS = (Gripper,)
-
-
-def test_a_gripper_that_does_not_say_whether_anything_confirms_it_is_refused() -> None:
-    fingers: Any = Fingers()
-    subject = RunDevices(lambda role: fingers, RunValues({}))
-    with pytest.raises(CellError, match="'fingers' lacks 'confirms'") as caught:
-        subject.grips_confirmed()
-    assert caught.value.name == "INTERNAL"
-    fingers.confirms = False
-    assert subject.grips_confirmed() is False

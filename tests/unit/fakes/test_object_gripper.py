@@ -8,23 +8,14 @@ import pytest
 
 from cell.errors import CellError
 from fakes.object import ObjectGripper, VirtualClock, run_virtual
+from tests.kit.one_item import NO_ITEM
 
 Scene = Callable[[ObjectGripper, VirtualClock], Coroutine[Any, Any, None]]
-SCENARIO = """
-schema = "cellward.scenario/1"
-[world.arm]
-model = "ur10e"
-q_start = [0.0, -1.8, 1.8, -1.57, -1.57, 0.0]
-[world.gripper]
-output = 0
-close_s = 0.3
-open_s = 0.3
-"""
 
 
 def play(folder: Path, scene: Scene, **config: Any) -> None:
     path = folder / "scenario.toml"
-    path.write_text(SCENARIO, "utf-8")
+    path.write_text(NO_ITEM, "utf-8")
 
     async def whole() -> None:
         clock = VirtualClock()
