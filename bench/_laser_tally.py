@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.tool_frame.meeting import length_beyond
+from calibration.lengths import length_beyond
 from cell.poses import Array, from_pose6
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, stdtrit
 
+from calibration.lengths import length95
 from cell.poses import Array
 
 POSES, CYCLES = 5, 30  # of the standard
@@ -84,7 +85,7 @@ def figures(points: Array, commanded: Array, sigma_m: float) -> PoseFigures:
         mean_distance=float(distance.mean()),
         std_distance=spread,
         AP=float(np.linalg.norm(deviation)),
-        AP_U=_radius95(cov),
+        AP_U=length95(cov),
         RP=repeatability(points),
         RP_95=_interval(points),
         tracker_AP=_RADIUS95 * sigma_m,
@@ -124,11 +125,6 @@ def _interval(points: Array) -> tuple[float, float] | None:
     sigma = max(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)), _SD_LOG_RP / np.sqrt(n))
     half = stdtrit(n - 1, 0.975) * sigma
     return float(np.exp(middle - half)), float(np.exp(middle + half))
-
-
-def _radius95(cov: Array) -> float:
-    trace, square = float(np.trace(cov)), float(np.sum(cov * cov))
-    return float(np.sqrt(square / trace * chdtri(trace**2 / square, 0.05)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, fdtri
 
 from calibration.identification.model import Model
 from calibration.identification.solution import Solution, base_covariance
+from calibration.lengths import lengths95
 from cell.poses import Array
 
 _PLACES = 200
@@ -37,23 +37,9 @@ def worst_forecast(model: Model, x: Array, cov: Array, freedom: float, Q: Array)
     for target in range(len(model.targets)):
         f, J = model.linearised(x, Q, np.full(len(Q), target, dtype=np.int64))
         points.append(f.T)
-        errors.append(radius95(base_covariance(cov, J), freedom))
+        errors.append(lengths95(base_covariance(cov, J), freedom))
     worst, rows = np.argmax(errors, axis=0), np.arange(len(Q))
     return WorkspaceErrors(Q, np.array(points)[worst, rows], np.array(errors)[worst, rows])
-
-
-def radius95(cov: Array, freedom: float = np.inf) -> Array:
-    """(n,): lengths that 95 % of normal vectors with ``cov`` (n, 3, 3) stay below (Satterthwaite 1946).
-
-    ``freedom`` degrees of freedom were left to estimate the size of ``cov`` with: few make it unsure itself,
-    and the lengths larger (Hotelling 1931).
-    """
-    trace = np.trace(cov, axis1=1, axis2=2)
-    square = np.maximum(np.sum(cov * cov, axis=(1, 2)), 1e-300)
-    axes = trace**2 / square  # as many as a round cloud of this size would have
-    quantile = chdtri(axes, 0.05) if np.isinf(freedom) else axes * fdtri(axes, freedom, 0.95)
-    out: Array = np.sqrt(square / np.maximum(trace, 1e-300) * quantile)
-    return out
 
 
 def places(Q: Array, count: int = _PLACES) -> Array:

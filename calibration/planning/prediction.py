@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
+from calibration.lengths import length95
 from cell.poses import Array
 
 
@@ -27,16 +27,9 @@ class PredictedUncertainty:
     @property
     def error95_t_m(self) -> float:
         """The length that 95 % of translation errors stay below."""
-        return _quantile_of_length(self.cov[:3, :3])
+        return length95(self.cov[:3, :3])
 
     @property
     def error95_r_rad(self) -> float:
         """The angle that 95 % of rotation errors stay below."""
-        return _quantile_of_length(self.cov[3:, 3:])
-
-
-def _quantile_of_length(cov: Array, probability: float = 0.95) -> float:
-    """Of |x| for normal x: a scaled chi-square with the mean and variance of |x|^2 (Satterthwaite)."""
-    mean, half_variance = float(np.trace(cov)), float(np.sum(cov * cov))
-    scale = half_variance / mean
-    return float(np.sqrt(scale * chdtri(mean / scale, 1.0 - probability)))
+        return length95(self.cov[3:, 3:])

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri, ndtri
+from scipy.special import ndtri
 
+from calibration.lengths import length_beyond
 from cell.poses import Array
-
-COVERAGE = 0.95
-
 
 FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that is good may be judged not to be
 FOUND = 0.99  # how often a tool that moved by the size that is promised is found
@@ -65,20 +63,3 @@ def detectable(cov: Array, limit: float) -> float:
     points; ``cov`` (k, k) is that of the measured difference."""
     worst = float(np.max(np.linalg.eigvalsh(cov)))
     return limit + float(ndtri(FOUND)) * float(np.sqrt(max(worst, 0.0)))
-
-
-def length95(cov: Array) -> float:
-    """The length that 95 % of normal vectors with covariance ``cov`` (k, k) stay below."""
-    return length_beyond(cov, 1.0 - COVERAGE)
-
-
-def length_beyond(cov: Array, probability: float) -> float:
-    """The length that normal vectors with covariance ``cov`` (k, k) are beyond with ``probability``.
-
-    A scaled chi-square with the mean and variance of the squared length (Satterthwaite 1946).
-    """
-    mean, half = float(np.trace(cov)), float(np.sum(cov * cov))
-    if half <= 0.0:
-        return 0.0
-    scale = half / mean
-    return float(np.sqrt(scale * chdtri(mean / scale, probability)))

@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from calibration.lengths import length95
 from calibration.tool_frame.averaging import average
 from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.standstills import one_by_one, together, widened
 from cell.poses import Array

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.kinematics.ur_models import UR_MODELS
+from calibration.lengths import length95
 from cell.errors import error
 from cell.formats.reading import read_json
 from cell.formats.result import Envelope, Result
@@ -17,7 +18,7 @@ from daemon.cli.options import CellPaths
 from procedures.documents import read_result
 from procedures.kind import KINDS, load
 from procedures.kinematics_in_use import other_arm, other_device
-from procedures.report.numbers import covariance, dig, number, radius95
+from procedures.report.numbers import covariance, dig, number
 
 POSE, KINEMATICS, VALUE = "pose", "kinematics", "value"
 
@@ -190,7 +191,7 @@ def uncertainty_of(name: str, result: Mapping[str, Any]) -> tuple[dict[str, Any]
     r = number(dig(result, "uncertainty", "U_tilt_rad"))
     found: dict[str, Any] = {}
     if cov is not None:
-        t, r = radius95(cov[:3, :3]), radius95(cov[3:, 3:])
+        t, r = length95(cov[:3, :3]), length95(cov[3:, 3:])
         sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
         found = {"sigma_m": sigma[:3].tolist(), "sigma_rad": sigma[3:].tolist()}
     if t is None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration.belt.forecast import TravelForecast
 from calibration.belt.tracking import ItemTrack
+from calibration.lengths import length95
 from cell.poses import Array
 from cell.run_values import RunValues
 from cell.usual_belt import SCALE_SHARE, TURN_RAD
@@ -19,7 +20,7 @@ from procedures.belt.camera_to_belt import NAME as CAMERA_POSE
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.stamp_delays import StampDelays
 from procedures.hand_eye_in_use import arm_rms_m
-from procedures.report.numbers import K95, radius95
+from procedures.report.numbers import K95
 
 SIGHTINGS, MOTION, BELT, CAMERA = "sightings", "belt motion", "belt calibration", "camera"
 DELAYS, FOLLOWING, PLAN, ARM = "delays", "following", "plan", "arm"
@@ -59,11 +60,11 @@ class ContactError:
     @property
     def r95_m(self) -> float:
         """So far off, level, is a contact in 95 of 100 cases, m."""
-        return radius95(self.cov)
+        return length95(self.cov)
 
     def as_dict(self) -> dict[str, object]:
         """For an item's life: all together, and each part alone, m."""
-        parts = {name: round(radius95(cov), 9) for name, cov in self.parts.items()}
+        parts = {name: round(length95(cov), 9) for name, cov in self.parts.items()}
         return {"contact_95_m": round(self.r95_m, 9), "contact_parts_95_m": parts}
 
 

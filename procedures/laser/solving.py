@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
+from calibration.lengths import length95
+from calibration.tool_frame.meeting import FALSE_ALARM, tool_point_meets
 from calibration.tool_frame.places import at_current_places
 from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.solution import solve

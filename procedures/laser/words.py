@@ -94,9 +94,9 @@ def uncertainty(stated: float | None, cov: Covariance | None) -> float | None:
         return stated
     import numpy as np
 
-    from procedures.report.numbers import radius95
+    from calibration.lengths import length95
 
-    return radius95(np.array(cov)[:3, :3])
+    return length95(np.array(cov)[:3, :3])
 
 
 def _delays(latency_s: float | None, tau: float | None, hysteresis_m: float | None) -> list[str]:

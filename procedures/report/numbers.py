@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from cell.poses import Array, from_pose6
 
@@ -85,15 +84,3 @@ def covariance(value: Any) -> Array | None:
     except (TypeError, ValueError):
         return None
     return cov if cov.shape == (6, 6) and bool(np.all(np.abs(cov) < _LARGEST)) else None
-
-
-def radius95(cov: Array) -> float:
-    """Distance (1) below which 95 % of zero-mean normal vectors with covariance ``cov`` (3, 3) lie.
-
-    The squared length is a weighted sum of chi-squares, matched in mean and variance by one scaled
-    chi-square (Satterthwaite 1946; Box 1954).
-    """
-    trace, square = float(np.trace(cov)), float(np.sum(cov * cov))
-    if trace <= 0.0 or square <= 0.0:
-        return 0.0
-    return float(np.sqrt(square / trace * chdtri(trace**2 / square, 0.05)))

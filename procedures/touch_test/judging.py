@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtrc, chdtri
 
 from calibration.adjustment.lens_terms import LENS, TARGET, image_terms, target_prior, target_shape
+from calibration.lengths import length95
 from calibration.refusal import Refusal
 from calibration.slot.arm_errors import arm_errors
 from calibration.targets import make_target
@@ -37,7 +38,6 @@ CORNER_PX = 0.2  # noise of a corner in a picture, where the look does not show 
 BY_HAND = "point over a corner"
 SIGMAS = 3.0  # of the height, within which nothing may be met
 _LINE = 0.05  # of the corners' spread: one that is narrower is a line
-_RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
 _SAME_DIGITS = 9  # of m: causes that are no further apart than a nanometre are told by their names' order
 _NOT_TOLD = (
     "which of tool, camera and arm is off: 'cellward cross-check --touch' judges it with two captures",
@@ -174,7 +174,7 @@ def _result(
     xi = np.concatenate([found.shift, found.turn])
     chance = float(chdtrc(len(xi), xi @ np.linalg.solve(cov, xi)))
     shift, turn = (float(np.linalg.norm(v)) for v in (found.shift, found.turn))
-    shift_95, turn_95 = (_RADIUS95 * _axis(cov[part, part]) for part in (slice(0, 3), slice(3, 6)))
+    shift_95, turn_95 = (length95(cov[part, part]) for part in (slice(0, 3), slice(3, 6)))
     causes = [CauseOff(source=name, sigma_m=_axis(one[:3, :3])) for name, one in by_source.items()]
     free = off.off.size - len(xi)
     residuals = TouchResiduals(

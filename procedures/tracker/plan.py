@@ -24,7 +24,7 @@ from calibration.identification.selection import (
     source_rule,
 )
 from calibration.identification.solution import base_covariance
-from calibration.identification.workspace import radius95
+from calibration.lengths import lengths95
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.run_values import RunValues
@@ -360,7 +360,7 @@ class _Planner:
         _, J = model.linearised(model.nominal, validation, np.zeros(len(validation), dtype=np.int64))
         cov = np.asarray(np.linalg.inv(design.information(rows)), dtype=float)
         cov = self._with_constant(cov, Q, target)
-        error95 = radius95(base_covariance(cov, J))
+        error95 = lengths95(base_covariance(cov, J))
         return {
             "rms_m": design.predicted_rms(rows),
             "error_95_median_m": float(np.median(error95)),

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.lengths import length95
 from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import HandEyeResult
 from procedures.hand_eye.result_spread import PlainSpread
 from procedures.hand_eye.words import by_others
 from procedures.report.html import Html, absent, el, note, section, table
-from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
+from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number
 from procedures.report.verdict import banner, cards
 
 _REMEDY = {
@@ -35,7 +36,7 @@ def verdict_section(source: HandEyeSource) -> Html:
 
 def _cards(found: HandEyeResult) -> Html:
     cov = covariance(found.result.cov)
-    t95, r95 = (DASH, DASH) if cov is None else (mm(radius95(cov[:3, :3])), deg(radius95(cov[3:, 3:])))
+    t95, r95 = (DASH, DASH) if cov is None else (mm(length95(cov[:3, :3])), deg(length95(cov[3:, 3:])))
     held, made = found.heldout.rms, found.inputs
     return cards(
         (
@@ -102,13 +103,13 @@ def limits_section(source: HandEyeSource) -> Html | None:
         (
             "95 % error of the position",
             "max_error_t_m",
-            None if cov is None else radius95(cov[:3, :3]),
+            None if cov is None else length95(cov[:3, :3]),
             mm,
         ),
         (
             "95 % error of the rotation",
             "max_error_r_rad",
-            None if cov is None else radius95(cov[3:, 3:]),
+            None if cov is None else length95(cov[3:, 3:]),
             deg,
         ),
     ]

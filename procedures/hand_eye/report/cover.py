@@ -1,8 +1,9 @@
 """The first page of a hand-eye report."""
 
+from calibration.lengths import length95
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.cover import Cover, CoverFigure, judged
-from procedures.report.numbers import covariance, deg, dig, mm, mms, radius95
+from procedures.report.numbers import covariance, deg, dig, mm, mms
 
 _CHANGES = "what changes while the poses are taken: a loose bracket, a warm-up, a board that bends"
 _MOTOR = "errors on a motor's side of a gear"
@@ -16,7 +17,7 @@ def hand_eye_cover(source: HandEyeSource) -> Cover:
         return Cover()
     limits, promised = dig(source.run, "job_config", "accept"), _promised(source)
     cov = covariance(found.result.cov)
-    t95, r95 = (None, None) if cov is None else (radius95(cov[:3, :3]), radius95(cov[3:, 3:]))
+    t95, r95 = (None, None) if cov is None else (length95(cov[:3, :3]), length95(cov[3:, 3:]))
     held = found.heldout.rms
     figures = [
         CoverFigure(f"camera in {source.parent}: x, y, z", ", ".join(mms(X[:3, 3])) + " mm"),

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.lengths import length95
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.scene import Line, ReferenceTool, Refused, ToolFrameScene
 from cell.errors import CellError
@@ -15,7 +16,7 @@ from cell.poses import Array
 from procedures.laser.report.passes import EdgeEstimate, ShownPasses, estimate, shown
 from procedures.laser.result import LaserResult, ReferenceResult, RejectedPass, RejectedReferencePass
 from procedures.laser.solve.data import load_laser, scene_of
-from procedures.report.numbers import covariance, dig, radius95
+from procedures.report.numbers import covariance, dig
 from procedures.report.source import Source
 
 
@@ -127,7 +128,7 @@ class LaserSource(Source[LaserResult | ReferenceResult]):
         stated = None if self.found is None else self.found.uncertainty.U_point_m
         if stated is not None or self.cov is None:
             return stated
-        return radius95(self.cov[:3, :3])
+        return length95(self.cov[:3, :3])
 
     @property
     def plane_gap(self) -> float | None:

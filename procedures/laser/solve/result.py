@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibration.lengths import length95
 from calibration.tool_frame.beams import FoundBeams
 from calibration.tool_frame.centres import centre
 from calibration.tool_frame.checks import Residuals
@@ -12,7 +13,6 @@ from calibration.tool_frame.classic import Classic
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS, rotated
 from calibration.tool_frame.lateral import Lateral
-from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.out_and_back import UNSEEN_DELAY
 from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.solution import Solution

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from calibration.identification.application import goals_from_yaw, reach, yaw_of
 from calibration.identification.model import LENGTH_M
 from calibration.identification.solution import Solution, predict
-from calibration.identification.workspace import radius95
 from calibration.kinematics.ur_models import JOINT_LIMITS
+from calibration.lengths import lengths95
 from cell.errors import error
 from cell.formats.kincal import QUERY_SCHEMA, TARGETS_SCHEMA, KincalQuery, KincalTargets
 from cell.formats.reading import parse, read_json
@@ -108,7 +108,7 @@ def answer_query(solution: Solution, query: Query) -> tuple[dict[str, object], W
         own = None if own is None else own + query.place_sd**2 * np.eye(3)
     answer: dict[str, object] = {"p_tracker": p.tolist()}
     if own is not None:
-        answer["p_tracker_95"] = radius95(own, solution.freedom).tolist()
+        answer["p_tracker_95"] = lengths95(own, solution.freedom).tolist()
     warnings = _beyond_samples(solution, query.Q, "predict")
     if query.place is not None:
         known = f"its place on the flange is the nominal one, to {1e3 * query.place_sd:.3g} mm"

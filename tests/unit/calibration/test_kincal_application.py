@@ -12,7 +12,7 @@ from calibration.identification.exports import last_to_flange, ros_kinematics, u
 from calibration.identification.model import Targets
 from calibration.identification.selection import choose_poses, source_rule
 from calibration.identification.solution import identify
-from calibration.identification.workspace import forecast, places, radius95
+from calibration.identification.workspace import forecast, places
 from calibration.kinematics import UrArmModel
 from calibration.kinematics.chain import SerialChain
 from calibration.kinematics.families import arm_spec, ur_chain
@@ -123,14 +123,6 @@ def test_the_forecast_is_larger_where_nobody_measured() -> None:
     assert np.all(near.q >= scene.Q.min(axis=0))
     truth = scene.truth.p_tracker(near.q, ["smr1"] * 50)
     np.testing.assert_allclose(found.registration.to_tracker(near.p.T).T, truth, atol=2e-4)
-
-
-def test_ninety_five_percent_of_errors_are_below_the_radius() -> None:
-    rng = np.random.default_rng(7)
-    root = rng.normal(size=(3, 3)) * [1.0, 0.3, 0.1]
-    drawn = rng.normal(size=(200_000, 3)) @ root.T
-    radius = radius95((root @ root.T)[None])[0]
-    assert np.mean(np.linalg.norm(drawn, axis=1) < radius) == pytest.approx(0.95, abs=0.006)
 
 
 def test_the_ros_origins_are_those_of_the_makers_file_for_the_nominal_arm() -> None:

@@ -15,7 +15,7 @@ from calibration.identification.reflector_constant import (
     unnoticed,
 )
 from calibration.identification.solution import identify
-from calibration.identification.workspace import radius95
+from calibration.lengths import lengths95
 from tests.kit.kincal_scene import SIGMA0, SIGMA_PER_M, Scene, joints, make_scene
 from tests.kit.solved import solve_kincal
 
@@ -42,7 +42,7 @@ def test_predictions_are_as_sure_as_they_say_when_the_constant_is_as_sure_as_was
             found = identify_with_constant(problem, noise)
             p, cov = found.predict(Q)
             assert cov is not None
-            shares.append(np.mean(np.linalg.norm(p - truth, axis=1) < radius95(cov)))
+            shares.append(np.mean(np.linalg.norm(p - truth, axis=1) < lengths95(cov)))
             if found.constant_sigma_m:
                 pulls.append((found.constant_m - true_m) / found.constant_sigma_m)
     assert len(pulls) == SEEDS
@@ -72,8 +72,8 @@ def test_a_constant_known_to_micrometres_hardly_changes_predictions(kind: str) -
     assert own is not None
     assert widened is not None
     assert np.linalg.norm(p - q, axis=1).max() < 1e-5
-    assert np.all(radius95(widened) > radius95(own))
-    assert np.median(radius95(widened) / radius95(own)) < 1.3
+    assert np.all(lengths95(widened) > lengths95(own))
+    assert np.median(lengths95(widened) / lengths95(own)) < 1.3
 
 
 @KINDS
@@ -93,7 +93,7 @@ def test_a_plan_promises_what_the_solution_then_states(kind: str) -> None:
     stated = found.predict(Q)[1]
     assert planned is not None
     assert stated is not None
-    assert radius95(planned) == pytest.approx(radius95(stated), rel=0.02)
+    assert lengths95(planned) == pytest.approx(lengths95(stated), rel=0.02)
 
 
 @KINDS

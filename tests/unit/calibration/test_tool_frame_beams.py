@@ -9,7 +9,7 @@ import pytest
 from calibration.tool_frame.beams import FoundBeams, find_beams
 from calibration.tool_frame.contacts import stated
 from calibration.tool_frame.height import Density
-from calibration.tool_frame.meeting import length95, tool_point_meets
+from calibration.tool_frame.meeting import tool_point_meets
 from calibration.tool_frame.prediction import height_variance, near_pairs, predict
 from calibration.tool_frame.rise import Rise
 from calibration.tool_frame.scene import Refused
@@ -140,13 +140,6 @@ def test_a_right_frame_misses_as_seldom_as_is_said_and_a_wrong_one_is_found(chan
         found = np.linalg.norm(draws + gate.detectable * way, axis=1) > gate.U
         assert np.mean(found) >= 0.99
     assert np.mean(np.linalg.norm(draws + gate.detectable * np.eye(3)[2], axis=1) > gate.U) < 0.998
-
-
-def test_the_length_that_95_percent_stay_below_is_that_of_draws() -> None:
-    cov = np.diag([1.0, 4.0, 0.2])
-    draws = np.random.default_rng(0).multivariate_normal(np.zeros(3), cov, 40_000)
-    assert np.mean(np.linalg.norm(draws, axis=1) < length95(cov)) == pytest.approx(0.95, abs=0.01)
-    assert length95(np.zeros((3, 3))) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from procedures.report.html import el, text
-from procedures.report.numbers import DASH, covariance, deg, dig, matrix4, mm, mms, number, radius95
+from procedures.report.numbers import DASH, covariance, deg, dig, matrix4, mm, mms, number
 
 
 @pytest.mark.parametrize(
@@ -43,20 +43,6 @@ def test_digging_into_what_is_not_there_gives_none() -> None:
     assert dig({"a": {"b": 1}}, "a", "b") == 1
     assert dig({"a": 3}, "a", "b") is None
     assert dig(None, "a") is None
-
-
-@pytest.mark.parametrize("sigmas", [(1.0, 1.0, 1.0), (3.0, 1.0, 0.5), (1.0, 0.01, 0.01), (2.0, 2.0, 0.1)])
-def test_95_of_100_draws_lie_within_the_radius(sigmas: tuple[float, float, float]) -> None:
-    rng = np.random.default_rng(3)
-    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    cov = Q @ np.diag(np.square(sigmas)) @ Q.T
-    draws = rng.multivariate_normal(np.zeros(3), cov, 200_000)
-    share = np.mean(np.linalg.norm(draws, axis=1) < radius95(cov))
-    assert share == pytest.approx(0.95, abs=0.006)
-
-
-def test_radius_of_no_uncertainty_is_zero() -> None:
-    assert radius95(np.zeros((3, 3))) == 0.0
 
 
 def test_plain_text_is_escaped_and_markup_is_not_escaped_twice() -> None:

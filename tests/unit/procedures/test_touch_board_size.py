@@ -112,3 +112,15 @@ def test_the_size_is_of_the_board_that_the_hand_eye_saw_and_of_no_other() -> Non
     assert size({"board": BOARD, "spare": dict(BOARD)}) is None, "either of two"
     assert size({"board": BOARD}, {HAND_EYE: {"target_scale": FOUND}}) is None, "not said which"
     assert size({"board": BOARD}, {}) is None
+
+
+def test_a_turn_that_is_open_about_one_axis_has_a_limit_that_95_of_100_stay_below(tmp_path: Path) -> None:
+    """Four corners of a narrow strip tell its turn about its length much worse than the others."""
+    found = judged(tmp_path, {**BOARD, "rows": 3, "columns": 14}, printed=FOUND).as_json()["uncertainty"]
+    cov = np.array(found["cov"])
+    sigma = np.sqrt(np.linalg.eigvalsh(cov[3:, 3:]))
+    assert sigma[2] > 3.0 * sigma[1]
+    draws = np.random.default_rng(5).multivariate_normal(np.zeros(6), cov, 20_000)
+    for part, limit in ((slice(0, 3), found["shift_95_m"]), (slice(3, 6), found["turn_95_rad"])):
+        inside = np.mean(np.linalg.norm(draws[:, part], axis=1) < limit)
+        assert inside == pytest.approx(0.95, abs=0.01)
