@@ -20,7 +20,8 @@ class Judged:
 
     ``inside95``: whether each error is below the 95 % limit stated for it; None where none is stated.
     ``of95``: each error, by its name, in units of that limit, and ``limits95`` the limits that have a unit:
-    size and "m", "rad", "s", or "1" of a share. An error is its ``of95`` times its limit.
+    size and "m", "rad", "s", or "1" of a share. An error is its ``of95`` times its limit. ``uncovered`` has
+    in words what the result says its limits do not cover.
     """
 
     good: bool
@@ -30,6 +31,7 @@ class Judged:
     inside95: bool | None = None
     of95: Mapping[str, float] = field(default_factory=dict)
     limits95: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    uncovered: tuple[str, ...] = ()
 
 
 def limit_of_worst(n: int, degrees: int = 3, *, sure: bool = False) -> float:

@@ -20,6 +20,7 @@ from procedures.kind import load
 from procedures.rehearsal import Rehearsal
 
 NOT_STARTED = "not started"
+INTERRUPTED = "interrupted"
 NOT_WELL = "{}, which has to come first, did not end well"
 BUMP = Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006))
 
@@ -33,8 +34,10 @@ class RehearsedRun:
     is below the 95 % limit that was stated, None where none was, and ``of95`` each error in units of that
     limit; ``limits95`` are those limits that have a unit, with it. Of a kind that no truth can judge ``good``
     is None, and there are ``expected``, what was predicted, and ``told``, the result in words.
-    ``lost`` are poses and passes that fell out, with the reason; ``report`` is a file. ``not_in_twin`` are
-    keys of the cell's devices that the twin does not have.
+    ``before`` are the jobs that were played before this one, each with its verdict, else with how it ended.
+    ``why`` has the result's reasons, ``warnings`` the texts of its warnings that are no reason, ``uncovered``
+    what the limits that it states do not cover. ``lost`` are poses and passes that fell out, with the reason;
+    ``report`` is a file. ``not_in_twin`` are keys of the cell's devices that the twin does not have.
     """
 
     seed: int
@@ -49,7 +52,10 @@ class RehearsedRun:
     limits95: dict[str, tuple[float, str]] = field(default_factory=dict)
     expected: str = ""
     told: list[str] = field(default_factory=list)
+    before: dict[str, str] = field(default_factory=dict)
     why: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    uncovered: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     report: str = ""
     not_in_twin: list[str] = field(default_factory=list)
@@ -70,7 +76,8 @@ def rehearse(
     A job that the twin refuses is an outcome. Errors as of ``rehearsed_cell``.
     """
     cell = rehearsed_cell(config, path, job, seed, folder, tool)
-    return replace(_played(config, cell, job, seed, tool), not_in_twin=list(cell.missing))
+    outcome = _played(config, cell, job, seed, tool)
+    return replace(outcome, before=_played_before(cell), not_in_twin=list(cell.missing))
 
 
 def _played(config: CellConfig, cell: RehearsedCell, job: str, seed: int, tool: str | None) -> RehearsedRun:
@@ -91,6 +98,17 @@ def _played(config: CellConfig, cell: RehearsedCell, job: str, seed: int, tool: 
     if outcome.good is None and (made := prediction_of(config, job, tool)):
         outcome = replace(outcome, expected=str(made["text"]))
     return outcome
+
+
+def _played_before(cell: RehearsedCell) -> dict[str, str]:
+    runs = list_runs(Path(cell.config.cell.state_dir) / "runs")
+    return {run.job: _verdict_of(run) for run in runs if run.job in cell.jobs[:-1]}
+
+
+def _verdict_of(run: RunFolder) -> str:
+    """What its result was judged, else how the run ended."""
+    verdict = (run.read_result() or {}).get("verdict") if _outcome_of(run) == "complete" else None
+    return str(verdict or _outcome_of(run) or INTERRUPTED)
 
 
 def steps_of(cell: RehearsedCell) -> list[Step]:
@@ -141,6 +159,8 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
         else:
             told = load(kind_of(result).words)(read_result(result))
     report = run.path / "report.html"
+    why = [str(reason) for reason in result.get("reasons") or ()]
+    warnings = dict.fromkeys(str(one["text"]) for one in result.get("warnings") or ())
     return RehearsedRun(
         seed=seed,
         ended="complete",
@@ -153,7 +173,9 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
         of95={} if judged is None else dict(judged.of95),
         limits95={} if judged is None else dict(judged.limits95),
         told=told or [],
-        why=[str(reason) for reason in result.get("reasons") or ()],
+        why=why,
+        warnings=[text for text in warnings if text not in why],
+        uncovered=[] if judged is None else list(judged.uncovered),
         lost=_lost(run.read_journal()),
         report=str(report) if report.exists() else "",
     )
@@ -193,7 +215,7 @@ def _failed(run: RunFolder, seed: int, first: str = "") -> RehearsedRun:
     if not failure and (prompts := [line["text"] for line in journal if line.get("event") == "prompt"]):
         text = f"this was asked again and again, and doing it did not help: {prompts[-1]}"
     why = [sentence for sentence in (first, text) if sentence]
-    outcome = str(end.get("outcome", "interrupted"))
+    outcome = str(end.get("outcome", INTERRUPTED))
     return RehearsedRun(seed, outcome, _seconds(run), why=why, lost=_lost(journal))
 
 

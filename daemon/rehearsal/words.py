@@ -15,8 +15,13 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
     if outcome.ended == NOT_STARTED:
         time = f"; what comes first took {_time(outcome.seconds)} of the cell" if outcome.seconds else ""
     yield f"{job}, twin {outcome.seed}: {outcome.ended}{time}{verdict}"
+    for name, came_to in outcome.before.items():
+        used = ", and this run goes by its result" if came_to == "pass" else ""
+        yield f"  played before it: {name} ({came_to}){used}"
     for sentence in outcome.why:
         yield f"  {sentence}"
+    for text in outcome.warnings:
+        yield f"  warning: {text}"
     if outcome.stated and not outcome.off:
         yield f"  stated: {outcome.stated}" + (
             "" if outcome.good else ", which the twin's truth does NOT bear out"
@@ -26,8 +31,8 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
         if outcome.good and outcome.inside95 is False:
             words = "is good enough, but beyond the stated 95 %"
         yield f"  stated: {outcome.stated}; off the twin's truth: {outcome.off}, which {words}"
-    if outcome.expected:
-        yield f"  expected of the cell: {outcome.expected}"
+    for line in outcome.expected.splitlines():
+        yield f"  expected of the cell: {line}"
     yield from outcome.told
     if outcome.good is None:
         yield "  not compared with the twin's truth: there is no such comparison for this kind of result"
@@ -59,7 +64,10 @@ def summary_lines(job: str, outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
 
 
 def twin_lines(outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
-    """Keys of the cell's devices that its twins, which are all made alike, do not have."""
+    """Once for all twins: what the stated limits do not cover, and keys of the cell's devices that its twins,
+    which are all made alike, do not have."""
+    for what in dict.fromkeys(what for outcome in outcomes for what in outcome.uncovered):
+        yield f"not covered by the stated 95 %: {what}"
     if outcomes and (keys := outcomes[0].not_in_twin):
         yield f"not in the twin: {'; '.join(keys)}"
 

@@ -42,7 +42,7 @@ def result_of(
     misses = {o.value: counts[o] for o in Outcome if o is not Outcome.PICKED and counts[o]}
     tried = picks + counts[Outcome.GRIP_FAILED] + counts[Outcome.LOST]
     warnings = [
-        Warning_(code=f"belt.{cause.replace(' ', '-')}", text=f"{n} items: {cause}")
+        Warning_(code=f"belt.{cause.replace(' ', '-')}", text=f"{n} missed: {cause}")
         for cause, n in misses.items()
     ]
     if watch.slips:

@@ -87,9 +87,11 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
     at_contact = f"{1e3 * apart:.3f} mm RMS at contact" if len(met) else "none met"
     told, off_text = f"{picks} picks", f"{taken} taken, {at_contact}"
     inside95, of95, limits95 = None, {}, {}
+    uncovered: tuple[str, ...] = ()
     if (stated := result.result.contact_95_m) is not None and len(met):
         within = int(np.sum(total <= stated))
-        without = "".join(f"; without {what}" for what in result.result.contact_95_without or ())
+        uncovered = tuple(result.result.contact_95_without or ())
+        without = "".join(f"; without {what}" for what in uncovered)
         text.append(f"stated were {1e3 * stated:.3f} mm for 95 of 100 contacts{without}")
         text.append(f"{within} of {len(met)} are within")
         told += f", contact within {1e3 * stated:.3f} mm (95 %{', not all covered' if without else ''})"
@@ -97,4 +99,4 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
         inside95 = bool(bdtr(within, len(met), 0.95) > 0.05)  # no fewer than chance lets
         of95 = {LARGEST: float(total.max()) / stated}
         limits95 = {LARGEST: (stated, "m")}
-    return Judged(good, "\n".join(text), told, off_text, inside95, of95, limits95)
+    return Judged(good, "\n".join(text), told, off_text, inside95, of95, limits95, uncovered)

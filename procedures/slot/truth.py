@@ -23,8 +23,9 @@ def judge_slot(result: SlotResult, truth: Mapping[str, Any], folder: Path) -> Ju
     predicted = answer.budget.predicted_95_m
     text = f"the part is {mm(off)} beside the middle of slot {answer.slot}, predicted {mm(predicted)} (95 %)"
     good, name = off <= SURE_TILT * predicted, "beside the middle"
+    stated = f"part less than {mm(predicted)} beside the middle of slot {answer.slot} (95 %)"
     of95, limits95 = {name: off / predicted}, {name: (predicted, "m")}
-    return Judged(good, text, mm(predicted), mm(off), off <= predicted, of95, limits95)
+    return Judged(good, text, stated, f"{mm(off)} beside it", off <= predicted, of95, limits95)
 
 
 def _beside(T_base_slot: RigidTransform, T_base_part: RigidTransform) -> float:

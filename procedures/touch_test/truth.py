@@ -37,7 +37,13 @@ def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> 
         f"were found; squared Mahalanobis distance {m2:.1f} (6 expected, limit {M2_LIMIT}): "
         f"{'consistent with' if good else 'NOT consistent with'} the stated uncertainty"
     )
-    stated = f"off by {mm(answer.shift_m)} +- {mm(of.shift_95_m)} (95 %)"
+    stated = (
+        f"shift {mm(answer.shift_m)} +- {mm(of.shift_95_m)}, turn {deg(answer.turn_rad)} +- "
+        f"{deg(of.turn_95_rad)} (95 %)"
+    )
+    # The true ones are told too: of a tool that is not bent they are zero, and all that is stated is error.
+    true = f"{mm(float(np.linalg.norm(told.shift)))} and {deg(float(np.linalg.norm(told.turn)))}"
+    apart = f"shift by {mm(shift)}, turn by {deg(turn)} (truly {true})"
     of95 = {"shift": shift / of.shift_95_m, "turn": turn / of.turn_95_rad}
     limits95 = {"shift": (of.shift_95_m, "m"), "turn": (of.turn_95_rad, "rad")}
-    return Judged(good, text, stated, f"{mm(shift)}, {deg(turn)}", all_inside(of95), of95, limits95)
+    return Judged(good, text, stated, apart, all_inside(of95), of95, limits95)

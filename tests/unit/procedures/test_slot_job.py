@@ -16,6 +16,7 @@ from procedures.slot.data import read_data_set
 from procedures.slot.procedure import SlotInsertion
 from procedures.slot.truth import judge_slot
 from procedures.slot.words import slot_lines
+from procedures.words import mm
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
 from tests.kit.slot_cell import (
     HAND_EYE_COV,
@@ -104,7 +105,11 @@ def test_a_part_is_fetched_measured_and_inserted_by_the_lens_that_belongs_to_the
         assert found.figures().predicted_95_m == budget["predicted_95_m"]
         assert any("part in the gripper" in line for line in slot_lines(found))  # type: ignore[arg-type]
         truth = ran.cell.plant.world.truth(ran.cell.clock.now())
-        assert judge_slot(found, truth, tmp_path).inside95  # type: ignore[arg-type]
+        judged = judge_slot(found, truth, tmp_path)  # type: ignore[arg-type]
+        assert judged.inside95
+        predicted = mm(budget["predicted_95_m"])
+        assert judged.stated == f"part less than {predicted} beside the middle of slot 1 (95 %)"
+        assert judged.off.endswith(" mm beside it")
         data, _ = read_data_set(ran.cell.folder(ran.run).path)
         assert data.look is not None
         assert data.look.looks == 2

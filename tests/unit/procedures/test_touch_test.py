@@ -28,6 +28,7 @@ from procedures.touch_test.procedure import TouchTest
 from procedures.touch_test.states import State
 from procedures.touch_test.truth import judge_touch
 from procedures.touch_test.words import touch_lines
+from procedures.words import deg, mm
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused
 from tests.kit.slot_cell import HAND_EYE_COV, give_hand_eye
 from tests.kit.touch_cell import HASTY, TOUCH, Toucher, touch_config
@@ -70,6 +71,13 @@ def test_nothing_is_off_in_a_true_cell_and_the_point_was_driven_over_the_corners
         assert (found["verdict"], found["warnings"]) == ("pass", [])
         judged = beside_truth(cell, found)
         assert (judged.good, judged.inside95) == (True, True), judged.text
+        answer, of = found["result"], found["uncertainty"]
+        assert judged.stated == (
+            f"shift {mm(answer['shift_m'])} +- {mm(of['shift_95_m'])}, "
+            f"turn {deg(answer['turn_rad'])} +- {deg(of['turn_95_rad'])} (95 %)"
+        )
+        nothing = f"shift by {mm(answer['shift_m'])}, turn by {deg(answer['turn_rad'])} (truly 0.000 mm and "
+        assert judged.off == f"{nothing}0.0000 deg)"
         data = json.loads((cell.folder(1).path / "touch-test.json").read_text("utf-8"))
         assert data["look"]["lens"] == {**solved, "sigma": None}
         assert data["look"]["printed"] == size
@@ -143,6 +151,7 @@ def test_a_bent_tool_is_found_with_its_shift(tmp_path: Path) -> None:
         assert off["turn_rad"] < of["turn_95_rad"]
         judged = beside_truth(cell, found)
         assert (judged.good, judged.inside95) == (True, True), judged.text
+        assert "(truly 2.062 mm and 0.0000 deg)" in judged.off
         cell.plant.world.tool.bend(cell.clock.now(), np.array([0.0, 0.003, 0.0]))
         assert not beside_truth(cell, found).good
 
