@@ -47,10 +47,10 @@ def import_data(
     ] = None,
     model: Annotated[str | None, typer.Option("--model", help="Of a UR arm, as ur10e.")] = None,
 ) -> None:
-    """Turn poses of other programs into a data set for 'cellward solve hand-eye'.
+    r"""Turn poses of other programs into a data set for 'cellward solve hand-eye'.
 
     'cellward import ur' turns an .installation, an .urp or the calibration.conf of a UR arm into a ROBOT for
-    [robot] model. docs/importing.md has units, frames and conventions of each kind.
+    \[robot] model. docs/importing.md has units, frames and conventions of each kind.
     """
     if kind not in (*POSES, UR):
         raise error("ARGUMENT_INVALID", f"'{kind}' cannot be imported; there is: {', '.join((*POSES, UR))}")

@@ -77,8 +77,9 @@ def _parameter(parameter: Any) -> list[str]:
 
 
 def _text(text: str | None) -> list[str]:
-    """Paragraphs as roff; a line that began a request would vanish."""
-    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text or "") if part.strip()]
+    """Paragraphs as roff; a line that began a request would vanish. Brackets need no escape here."""
+    text = (text or "").replace(r"\[", "[")
+    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text) if part.strip()]
     lines = []
     for k, paragraph in enumerate(paragraphs):
         lines += [".PP"] * (k > 0) + [_escaped(paragraph)]

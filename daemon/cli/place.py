@@ -26,7 +26,7 @@ def place(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The target's place on the flange by a capture, as lines for [job.eye-to-hand-check]."""
+    r"""The target's place on the flange by a capture, as lines for \[job.eye-to-hand-check]."""
     from daemon.cli.history import load, result_of
     from daemon.config import load_config
     from procedures.documents import read_result

@@ -29,7 +29,7 @@ def save(
     replace: Annotated[bool, typer.Option("--replace", help="Put it in the place of one there is.")] = False,
     config: ConfigOption = None,
 ) -> None:
-    """Write where the arm stands into [poses] of cell.toml; the rest of the file stays as it is.
+    r"""Write where the arm stands into \[poses] of cell.toml; the rest of the file stays as it is.
 
     The joints come from the running daemon, which knows the pose from its next start on. Nothing moves.
     """

@@ -18,7 +18,7 @@ STATE = "state"
 
 
 def rehearse(
-    job: Annotated[str, typer.Argument(help="The job, as its section [job.NAME] is called.")],
+    job: Annotated[str, typer.Argument(help=r"The job, as its section \[job.NAME] is called.")],
     seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the first twin.")] = 1,
     times: Annotated[int, typer.Option("--times", min=1, max=1000, help="So many twins, one by one.")] = 1,
     tool: Annotated[str | None, typer.Option("--tool", help="The tool, where the cell has several.")] = None,

@@ -6,12 +6,17 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer.main
+from rich.text import Text
 
 from cell.errors import catalogue
 from daemon.cli import failures, setup
+from daemon.cli.app import app
 from tests.kit.cli_harness import SHELL_DETECTION, CellOnDisk, CommandLine
 
 COMMANDS = [
@@ -34,6 +39,22 @@ def test_help_lists_every_command_of_the_manual(subject: CommandLine) -> None:
     for command in COMMANDS:
         assert f" {command} " in shown.out
         assert subject(command, "--help").code == 0
+
+
+def test_no_help_loses_a_name_in_brackets_as_markup(subject: CommandLine) -> None:
+    for name, command in every_command(typer.main.get_command(app), ()):
+        texts = [command.help, *(getattr(parameter, "help", None) for parameter in command.params)]
+        for text in filter(None, texts):
+            assert Text.from_markup(text).plain == text.replace(r"\[", "["), name
+    assert "its section [job.NAME] is called" in subject("rehearse", "--help").out
+    assert "its section [job.NAME] is called" in subject("man").out
+
+
+def every_command(command: Any, name: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """``command`` and all below it, each with the words that call it."""
+    yield name, command
+    for word, below in getattr(command, "commands", {}).items():
+        yield from every_command(below, (*name, word))
 
 
 def test_the_manual_page_has_every_command_and_none_of_roffs_complaints(subject: CommandLine) -> None:
