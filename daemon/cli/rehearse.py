@@ -1,11 +1,13 @@
 """``cellward rehearse``: a job on a twin of this very cell, before anything real moves."""
 
 import logging
+import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cell.errors import CellError
 from daemon.cli.failures import FAILED
 from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say
@@ -44,9 +46,15 @@ def rehearse(
     say(f"Rehearsing {job} of cell '{loaded.cell.name}' on a twin of it; nothing real is opened or moved.")
     for number in range(seed, seed + times):
         folder = (output / f"{job}-{number}").absolute()
+        made = [f for f in (folder, output) if not f.exists()]  # by this rehearsal
         begin_in(folder, STATE, "rehearsal")
         logging.basicConfig(filename=folder / "rehearsal.log", level=logging.INFO, force=True)
-        outcome = play(loaded, path, job, number, folder, tool)
+        try:
+            outcome = play(loaded, path, job, number, folder, tool)
+        except CellError:  # refused before anything was played
+            if made:
+                shutil.rmtree(made[-1])
+            raise
         outcomes.append(outcome)
         if not as_json:
             for line in outcome_lines(job, outcome):

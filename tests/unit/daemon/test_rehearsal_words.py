@@ -1,5 +1,7 @@
 """What a rehearsal tells beside its verdict: what was played before, warnings, and what no limit covers."""
 
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from cell.store.runs import RunFolder
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
 from daemon.rehearsal.words import outcome_lines, twin_lines
+from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import whole_example
 from tests.kit.whole_results import whole
 
@@ -17,6 +20,17 @@ MISSED = {"code": "belt.out-of-zone", "text": "13 missed: out of zone"}
 DELAYS = {"code": "belt.delays", "text": "how late the stamps are was not measured: 0.370 mm (95 %)"}
 CONTACT = {"off_m": [0.0, 0.0], "slide_m_s": 0.0, "taken": True}
 TRUTH = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [CONTACT]}}
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_before() -> Iterator[None]:
+    """A rehearsal sends the log to a file of its own."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    for handler in set(root.handlers) - set(handlers):
+        handler.close()
+    root.handlers[:], root.level = handlers, level
 
 
 def picking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calibration: str | None) -> RehearsedRun:
@@ -79,6 +93,18 @@ def test_a_warning_that_is_no_reason_is_told_once_and_so_is_what_the_limits_do_n
         "not covered by the stated 95 %: the camera's pose",
         "not covered by the stated 95 %: a slope",
     ]
+
+
+def test_a_refused_rehearsal_leaves_no_folder_and_keeps_one_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cellward, out = CommandLine(monkeypatch, capsys, whole_example(tmp_path)), tmp_path / "out"
+    words = ("rehearse", "cone-capture", "--tool", "none", "--out", str(out))
+    assert cellward(*words).code == 2
+    assert not out.exists()
+    out.mkdir()
+    assert cellward(*words).code == 2
+    assert (out.exists(), list(out.iterdir())) == (True, [])
 
 
 def test_each_line_of_what_is_expected_says_what_it_is() -> None:
