@@ -48,7 +48,7 @@ def expected_contacts(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
         "assumed": known.assumed,
         "without": known.without,
         "text": f"95 of 100 contacts within {figures} by {sightings} each, as of a camera that nobody has "
-        f"watched yet, and what calibrations state{_assumed(known)}; not in it: {'; '.join(known.without)}",
+        f"watched yet, and what calibrations state{_assumed(known)}{_without(known)}",
         "cautions": list(_beyond(rows, limit)),
     }
 
@@ -56,7 +56,12 @@ def expected_contacts(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
 def _assumed(known: "_Known") -> str:
     measured = zip(known.assumed, known.measured_by, strict=True)
     parts = [f"{what}, which {by} measures" for what, by in measured]
-    return f", and by an assumption {'; '.join(parts)}" if parts else ""
+    return f", and by an assumption {'; and by an assumption '.join(parts)}" if parts else ""
+
+
+def _without(known: "_Known") -> str:
+    """Each with its head: a clause of a prediction is shown on a line of its own."""
+    return "".join(f"; not in it: {what}" for what in known.without)
 
 
 def _beyond(rows: list[tuple[float, ContactError]], limit_m: float) -> Iterator[str]:

@@ -214,21 +214,30 @@ class CycleEstimate:
             middle = 0.5 * (zone.min_m + zone.max_m)
             cycle = self._cycle(speed_m_s, middle), self._cycle(speed_m_s, max(last, middle))
         except CellError as exc:
-            why = exc.detail or str(exc)
-            if exc.name == "MOTION_UNREACHABLE":
-                why = f"no joints for {why}; {self._cure_at(middle)}"
+            why = self._why_not(speed_m_s, middle, exc)
         return ExpectedCycle(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
 
-    def _cure_at(self, along_m: float) -> str:
-        """What would help where an item cannot be followed: an item at rest tells whose fault it is."""
-        limits = self._config.limits
+    def _why_not(self, speed_m_s: float, along_m: float, exc: CellError) -> str:
+        """Why an item cannot be met, and what would help: an item at rest tells whose fault it is.
+
+        The place that ``exc`` names is not told where the belt is too fast: the item is metres on by then.
+        """
+        detail, limits = exc.detail or str(exc), self._config.limits
+        if exc.name != "MOTION_UNREACHABLE":
+            return detail
         try:
             self._cycle(0.0, along_m)
-        except CellError:
-            return "it is the same with a belt at rest: teach place_pose or wait_pose elsewhere"
+        except CellError as at_rest:
+            if at_rest.name == exc.name:
+                detail = at_rest.detail or str(at_rest)
+            cure = "it is the same with a belt at rest: teach place_pose or wait_pose elsewhere"
+            return f"no joints for {detail}; {cure}"
+        cure = "raise limits of the job, or let the belt run slower"
+        if speed_m_s >= limits.speed_m_s:
+            return f"the belt is no slower than the tool may be, {limits.speed_m_s:g} m/s; {cure}"
         return (
-            f"with {limits.speed_m_s:g} m/s and {limits.accel_m_s2:g} m/s^2 the tool comes up with it beyond "
-            "the arm's reach: raise limits of the job, or let the belt run slower"
+            f"with {limits.speed_m_s:g} m/s and {limits.accel_m_s2:g} m/s^2 the tool comes up with it only "
+            f"where the arm no longer reaches; {cure}"
         )
 
     def _cycle(self, speed_m_s: float, along_m: float) -> float:

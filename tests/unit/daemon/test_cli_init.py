@@ -97,8 +97,11 @@ def test_what_is_drafted_for_a_belt_can_be_done_with_it(subject: CommandLine, tm
     expected = predictions(load_config(path))
     assert found_in(expected, "problems") == []
     slow = [text for text in found_in(expected, "cautions") if "cannot meet an item" in text]
-    assert slow
+    assert len(slow) == 2
     assert all("raise limits of the job" in text for text in slow)
+    # The place where the tool would be then is metres away, and tells nobody anything.
+    assert not any("no joints for" in text for text in slow)
+    assert ["no slower than the tool may be" in text for text in slow] == [False, True]
 
 
 def test_a_place_that_cannot_be_reached_from_the_belt_is_not_blamed_on_the_limits(

@@ -148,6 +148,11 @@ def test_check_counts_a_delay_that_was_not_measured_and_names_what_measures_it(t
     assert "latency-calibration" not in known["text"]
     nominal = expected_contacts(setup, job)
     assert len(nominal["assumed"]) == 2
+    # Each clause, which is shown on a line of its own, says what it is.
+    clauses = nominal["text"].split("; ")
+    assert len(nominal["without"]) > 1
+    assert clauses[-len(nominal["without"]) :] == [f"not in it: {what}" for what in nominal["without"]]
+    assert clauses[1].startswith("and by an assumption the delay of the camera's stamps")
     assert "which `cellward start belt-calibration` measures" in nominal["text"]
     assert "belt-calibration" not in unknown["text"]
     version = [{"name": "belt.belt", "state": "committed"}]
