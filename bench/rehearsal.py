@@ -7,10 +7,9 @@ the longest time that a person waits. Below it are each error that has a limit w
 (both RMS over the twins) and in how many it was inside by itself, the twins that took more than the minute
 that a rehearsal may take, those in which it did not end well, and those outside: each error there in units of
 its limit. A job with a word behind a slash is rehearsed with that source. The cell is
-``deploy/cell.toml`` with every part that is
-commented out there, its palletizer for corrected-targets alone, and sections of iso9283 and of the delay
-of the belt's encoder. With ``--keep FILE`` a bench that was ended goes on where it was, and the
-table is made of all twins in the file.
+``deploy/cell.toml`` with every part that is commented out there, its palletizer for corrected-targets alone.
+With ``--keep FILE`` a bench that was ended goes on where it was, and the table is made of all twins in the
+file.
 """
 
 import argparse
@@ -31,7 +30,7 @@ from scipy.special import betaincinv
 
 from daemon.config import load_config
 from daemon.rehearsal.play import RehearsedRun, rehearse
-from tests.kit.example_cell import ENCODER_DELAY, ISO9283, LASER_TRACKER, palletizer_example, whole_example
+from tests.kit.example_cell import ENCODER_DELAY, LASER_TRACKER, palletizer_example, whole_example
 
 JOBS = (
     "cone-capture",
@@ -60,7 +59,7 @@ CHANGED = {
     "belt-calibration": BELT,
     "belt-tracking": BELT,
     "tracker-sampling": LASER_TRACKER,
-    "iso9283": LASER_TRACKER | ISO9283,
+    "iso9283": LASER_TRACKER,
     "latency-calibration/belt": ENCODER_DELAY,
 }
 MINUTE_S = 60.0

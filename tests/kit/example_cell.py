@@ -18,22 +18,8 @@ LASER_TRACKER = {
     "checksum = true ": "# checksum = true ",
 }
 
-# A test of pose accuracy in the example, whose poses the laser tracker sees.
-ISO9283 = {
-    "[job.tracker-sampling]": """[job.iso9283]
-reflector = "smr1"
-point = [-0.05, 0.0, 0.06]
-cube = { centre = [-0.6, -0.5, 0.7], edge_m = 0.3, R_base_flange = [1.38, -0.74, -0.78] }
-T_base_tracker_nominal = [-2.4, -1.7, 1.1, 0.0, 0.0, -0.95]
-[job.tracker-sampling]"""
-}
-
-# The delay of the encoder on the example's belt.
-ENCODER_DELAY = {
-    "[job.belt-calibration]": (
-        '[job.latency-calibration]\nsource = "belt"\nbelt_z_m = 0.15\n[job.belt-calibration]'
-    )
-}
+# The delay of the encoder on the example's belt, in place of that of its beams.
+ENCODER_DELAY = {'source = "beams"': 'source = "belt"'}
 
 # The example's palletizer in place of its arm in what the tracker samples, and targets for it.
 PALLETIZER = LASER_TRACKER | {

@@ -25,7 +25,7 @@ from procedures.documents import kind_named
 from procedures.kind import KINDS, Kind
 from procedures.registry import SHIPPED
 from tests.kit.cli_harness import CommandLine
-from tests.kit.example_cell import ISO9283, LASER_TRACKER, whole_example
+from tests.kit.example_cell import LASER_TRACKER, whole_example
 from tests.kit.whole_results import whole
 
 FEW = {
@@ -368,7 +368,7 @@ def test_a_job_that_no_truth_can_judge_is_told_beside_its_prediction(
     monkeypatch.setitem(cast(dict[str, Kind], KINDS), "iso9283", without)
     told = {"text": "14 arrivals"}
     monkeypatch.setattr("daemon.rehearsal.play.prediction_of", lambda *_: told)
-    path = whole_example(tmp_path, ISO9283)
+    path = whole_example(tmp_path)
     subject = rehearse(load_config(path), path, "iso9283", 1, tmp_path)
     assert (subject.good, subject.inside95, subject.succeeded) == (None, None, True)
     text = "\n".join(outcome_lines("iso9283", subject))

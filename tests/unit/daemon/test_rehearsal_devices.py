@@ -346,10 +346,7 @@ def test_the_job_in_a_rehearsal_knows_the_delays_that_the_cell_has_measured_and_
     job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daemon.predictions._stated_now", lambda _, name: MEASURED.get(name, {}))
-    short = {
-        key: text.replace("belt_z_m", "changes = 8\nsightings = 60\nbelt_z_m")
-        for key, text in ENCODER_DELAY.items()
-    }
+    short = {key: f"{text}\nchanges = 8\nsightings = 60" for key, text in ENCODER_DELAY.items()}
     path = whole_example(tmp_path, short)
     outcome = rehearse(load_config(path), path, job, 1, tmp_path)
     assert (outcome.ended, outcome.good) == ("complete", True), outcome.why

@@ -54,7 +54,7 @@ def test_the_arm_of_a_twin_is_off_by_its_seed_and_waits_for_a_person_where_no_pr
         ),
         ({}, "serial", "of family 'serial', and a twin of an arm that is only read is a palletizer4"),
         ({"observed_model": "# observed_model"}, "palletizer4", "observed_model is missing"),
-        ({'reflector = "smr1"\n': ""}, "palletizer4", "without a reflector no tracker looks"),
+        ({'targets]\nreflector = "smr1"': "targets]"}, "palletizer4", "without a reflector no tracker looks"),
     ],
 )
 def test_what_a_rehearsal_of_targets_lacks_is_said(

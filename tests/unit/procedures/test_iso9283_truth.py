@@ -14,9 +14,9 @@ from procedures.documents import read_result
 from procedures.iso9283.result import Iso9283Result
 from procedures.iso9283.truth import judge_iso9283
 from procedures.words import mm
-from tests.kit.example_cell import ISO9283, LASER_TRACKER, whole_example
+from tests.kit.example_cell import LASER_TRACKER, whole_example
 
-SHORT = {"[job.tracker-sampling]": ISO9283["[job.tracker-sampling]"].replace("cube =", "cycles = 8\ncube =")}
+SHORT = {"[job.iso9283]": "[job.iso9283]\ncycles = 8"}
 
 
 class Run:
