@@ -34,7 +34,9 @@ from procedures.tracker.solve.solver import solve_kincal
 VALUE_SCHEMA = "cellward.kinematics/1"
 _MANY_LOST = 0.1
 _SURPRISE = 1e-3  # chance of poses set aside so far off, were noise and prediction as they are said to be
-_P95 = float(np.sqrt(chdtri(3, 0.05) / 3.0))  # 95 % of 3D errors stay below so many times their RMS
+# 95 % of 3D errors stay below so many times their RMS: where they are alike in all directions, and where all
+# are along one, which no shape of them exceeds.
+_P95_ROUND, _P95_MOST = float(np.sqrt(chdtri(3, 0.05) / 3.0)), float(np.sqrt(chdtri(1, 0.05)))
 
 
 def solve_within_limits(path: Path, limit_m: float, method: str | None = None) -> KincalResult | Result:
@@ -131,10 +133,10 @@ def _beyond(aside: SetAside | None, predicted_95: float, limit: float) -> list[s
         )
     if aside is not None and aside.rms.calibrated is not None:
         own = float(np.sqrt(max(aside.rms.calibrated**2 - aside.tracker_3d**2, 0.0)))
-        if _P95 * own > limit:
+        if (bound := _P95_MOST * own) > limit:
             reasons.append(
                 f"max_error_m: readings that were set aside are {1e3 * own:.3g} mm off their prediction (RMS "
-                f"beyond the tracker's own noise), so 95 % of errors stay below {1e3 * _P95 * own:.3g} mm; "
+                f"beyond the tracker's own noise), so 95 % of errors stay below {1e3 * bound:.3g} mm; "
                 f"the limit is {1e3 * limit:g} mm"
             )
     return reasons
@@ -166,7 +168,7 @@ def _warnings(aside: SetAside | None, predicted_95: float, facts: Sampling) -> l
         out.append(("heldout.none-aside", "no pose was set aside, so only the folds judge the result"))
     else:
         # Poses chosen for what they tell lie at the edges, where predictions are worst.
-        expected = float(np.hypot(aside.tracker_3d, predicted_95 / _P95))
+        expected = float(np.hypot(aside.tracker_3d, predicted_95 / _P95_ROUND))
         free = 3 * aside.samples
         most = expected * float(np.sqrt(chdtri(free, _SURPRISE) / free))
         if (found := aside.rms.calibrated) is not None and found > most:

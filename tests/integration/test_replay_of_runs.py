@@ -84,3 +84,12 @@ def test_crossed_beams_replay_to_the_same_tool_point(tmp_path: Path) -> None:
     stated = session.results[0]["uncertainty"]["U_point_m"]
     assert np.abs(hits(session) - hits(again)).max() < 0.5 * stated
     assert len(session.results[0]["result"]["passes"]) == len(again.results[0]["result"]["passes"])
+
+
+@pytest.mark.soak
+def test_a_corrected_tool_replays_to_the_same_frame(tmp_path: Path) -> None:
+    session, again = once_and_again("laser-update", tmp_path)
+    frames = [one.results[-1]["result"]["T_flange_tool"] for one in (session, again)]
+    stated = session.results[-1]["uncertainty"]["U_point_m"]
+    assert np.abs(np.subtract(*frames))[:3].max() < 0.5 * stated
+    assert all(one.results[-1]["inputs"]["update"]["committed"] for one in (session, again))

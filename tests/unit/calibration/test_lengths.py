@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 from calibration.lengths import length95, length_beyond, lengths95
 from cell.poses import Array
 
-CLOUDS = ((1.0, 1.0, 1.0), (3.0, 1.0, 0.5), (1.0, 0.01, 0.01), (2.0, 2.0, 0.1))
+CLOUDS = ((1.0, 1.0, 1.0), (1.0, 0.7, 0.7), (3.0, 1.0, 0.5), (1.0, 0.01, 0.01), (2.0, 2.0, 0.1))
 
 
 def turned(sigmas: tuple[float, float, float]) -> Array:
@@ -20,20 +21,26 @@ def lengths_of(cov: Array, count: int) -> Array:
     return np.asarray(np.linalg.norm(draws, axis=1))
 
 
+@pytest.mark.parametrize("chance", [0.05, 1.0 / 300.0])
 @pytest.mark.parametrize("sigmas", CLOUDS)
-def test_95_of_100_draws_are_shorter_whatever_the_shape_of_the_cloud(
-    sigmas: tuple[float, float, float],
+def test_as_many_draws_are_longer_as_were_asked_for_whatever_the_shape_of_the_cloud(
+    sigmas: tuple[float, float, float], chance: float
 ) -> None:
     cov = turned(sigmas)
-    assert np.mean(lengths_of(cov, 200_000) < length95(cov)) == pytest.approx(0.95, abs=0.006)
-    assert length95(1e-12 * cov) == pytest.approx(1e-6 * length95(cov))
+    beyond = np.mean(lengths_of(cov, 1_000_000) > length_beyond(cov, chance))
+    assert beyond == pytest.approx(chance, abs=4.0 * np.sqrt(chance / 1_000_000))
+    assert length_beyond(1e-12 * cov, chance) == pytest.approx(1e-6 * length_beyond(cov, chance))
 
 
 def test_round_and_flat_clouds_and_one_axis_have_the_quantiles_of_chi() -> None:
+    for chance in (0.05, 1.0 / 300.0):
+        for axes in (1, 2, 3):
+            expected = np.sqrt(chdtri(axes, chance))
+            cov = np.diag([1] * axes + [0] * (3 - axes))
+            assert length_beyond(cov, chance) == pytest.approx(expected, rel=1e-4)
+            if axes < 3:
+                assert length_beyond(cov[:2, :2], chance) == pytest.approx(expected, rel=1e-4)
     assert length95(np.eye(3)) == pytest.approx(2.7955, abs=1e-4)
-    assert length95(np.diag([1.0, 1.0, 0.0])) == pytest.approx(2.4477, abs=1e-4)
-    assert length95(np.diag([1.0, 0.0, 0.0])) == pytest.approx(1.9600, abs=1e-4)
-    assert length_beyond(np.diag([1.0, 0.0]), 0.0027) == pytest.approx(3.0, abs=1e-3)
 
 
 def test_of_many_each_is_as_of_one_and_no_uncertainty_has_no_length() -> None:
@@ -41,6 +48,13 @@ def test_of_many_each_is_as_of_one_and_no_uncertainty_has_no_length() -> None:
     assert lengths95(cov) == pytest.approx([length95(one) for one in cov])
     assert lengths95(cov)[-1] == 0.0
     assert lengths95(cov, 9.0)[-1] == 0.0
+
+
+def test_what_is_no_covariance_has_no_length_that_could_be_taken_for_small() -> None:
+    hole = np.eye(3)
+    hole[0, 1] = np.nan
+    found = lengths95(np.array([hole, np.full((3, 3), np.inf), -np.eye(3), np.eye(3)]))
+    assert np.isnan(found).tolist() == [True, True, True, False]
 
 
 @pytest.mark.parametrize("freedom", [4.0, 12.0, 60.0])

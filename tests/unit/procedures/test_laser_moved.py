@@ -117,6 +117,15 @@ def test_a_difference_that_is_no_number_is_refused_and_not_called_unmoved(found:
     assert caught.value.name == "SOLVE_REFUSED"
 
 
+@pytest.mark.parametrize("hole", [(0, 1), (2, 2), (4, 4)])
+def test_a_covariance_that_is_no_number_is_refused_and_not_called_unmoved(hole: tuple[int, int]) -> None:
+    cov = COV.copy()
+    cov[hole] = np.nan
+    with pytest.raises(CellError, match="not a finite number") as caught:
+        whether_moved(NO_SHIFT, cov, CONFIG, True, tilted=True)
+    assert caught.value.name == "SOLVE_REFUSED"
+
+
 def test_a_better_measurement_than_the_floor_does_not_call_repeatability_a_move() -> None:
     assert tolerance(np.diag([1e-14] * 3), FLOOR_M) == FLOOR_M
 
