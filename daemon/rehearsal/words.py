@@ -16,8 +16,9 @@ def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
         time = f"; what comes first took {_time(outcome.seconds)} of the cell" if outcome.seconds else ""
     yield f"{job}, twin {outcome.seed}: {outcome.ended}{time}{verdict}"
     for name, came_to in outcome.before.items():
-        used = ", and this run goes by its result" if came_to == "pass" else ""
-        yield f"  played before it: {name} ({came_to}){used}"
+        used = came_to == "pass" and outcome.ended != NOT_STARTED
+        went_by = ", and this run goes by its result" if used else ""
+        yield f"  played before it: {name} ({came_to}){went_by}"
     for sentence in outcome.why:
         yield f"  {sentence}"
     for text in outcome.warnings:

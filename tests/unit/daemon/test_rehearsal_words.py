@@ -10,7 +10,7 @@ import pytest
 from cell.clock import MonotonicClock
 from cell.store.runs import RunFolder
 from daemon.config import load_config
-from daemon.rehearsal.play import RehearsedRun, rehearse
+from daemon.rehearsal.play import NOT_STARTED, RehearsedRun, rehearse
 from daemon.rehearsal.words import outcome_lines, twin_lines
 from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import whole_example
@@ -78,6 +78,11 @@ def test_a_run_is_not_said_to_go_by_a_result_that_is_not_in_effect(
 ) -> None:
     lines = list(outcome_lines("belt-tracking", picking(tmp_path, monkeypatch, verdict)))
     assert lines[1] == f"  played before it: belt-calibration ({told})"
+
+
+def test_a_run_that_was_not_started_goes_by_nothing() -> None:
+    run = RehearsedRun(1, NOT_STARTED, 1.0, before={"cone-capture": "pass"}, why=["no arm"])
+    assert list(outcome_lines("touch-test", run))[1] == "  played before it: cone-capture (pass)"
 
 
 def test_a_warning_that_is_no_reason_is_told_once_and_so_is_what_the_limits_do_not_cover(
