@@ -15,7 +15,7 @@ from cell.poses import from_pose6, log_xi
 from fakes import cli
 from fakes.likely.arm import draw_tool
 from fakes.world.arm.kinematics import chain
-from fakes.world.scenario import Scenario
+from fakes.world.scenario import Scenario, shipped_scenarios
 from fakes.world.targets import target_points
 from fakes.world.world import World
 
@@ -90,6 +90,19 @@ def test_a_scenario_that_is_like_another_says_only_what_differs() -> None:
     assert subject.world.model_copy(update={"camera": other.world.camera}) == other.world
     assert subject.cell.poses == other.cell.poses
     assert Scenario.load("picking_auto_exposure:ideal").world == Scenario.load("picking:ideal").world
+
+
+def test_depth_of_shipped_scenarios_is_off_by_a_scale_that_ideal_ones_have_not() -> None:
+    cameras = {name: Scenario.load(name).world.camera for name in shipped_scenarios()}
+    scales = {n: camera.stereo.scale for n, camera in cameras.items() if camera and camera.stereo}
+    assert list(scales) == [name for name, camera in cameras.items() if camera]
+    off = np.abs(np.array(list(scales.values())) - 1.0)
+    assert np.all((off > 0.002) & (off < 0.03))
+    assert len(set(scales.values())) == 5  # and two are of cells like others
+    for name in scales:
+        ideal = Scenario.load(f"{name}:ideal").world.camera
+        assert ideal is not None
+        assert ideal.stereo is None
 
 
 def test_what_a_scenario_is_like_has_to_be_a_shipped_one() -> None:
