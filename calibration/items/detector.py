@@ -32,9 +32,11 @@ from cell.poses import Array
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
+Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px
 
 _COARSE = 4  # px between the points that the first look takes
 _MARGIN = 20  # px around an item that its rim may need
+_WIDEST = 60  # px that a window is made wider, where a hole of depth hid how far the face goes
 _RIM, _FEWEST_PX = 9, 50  # px along the rim where a side may pass for the top; px of a face
 _LEVEL_M = 0.02  # from where it should be, depth may have the belt
 _CLEAR = 33  # px about what stands out, where depth is neither that nor the belt
@@ -146,7 +148,7 @@ class ItemDetector:
         near = height[np.abs(height) < _LEVEL_M]
         return float(median(near)) if len(near) > _FEWEST_PX else 0.0
 
-    def _candidates(self, depth: Depth, level: float) -> Iterator[tuple[int, int, int, int]]:
+    def _candidates(self, depth: Depth, level: float) -> Iterator[Box]:
         """Boxes x0, y0, x1, y1 (px) around what stands out."""
         coarse = without_holes(depth[::_COARSE, ::_COARSE])
         height = self._heights(coarse, self._slope) - level
@@ -154,7 +156,7 @@ class ItemDetector:
         mask = ((height > low) & (height < high) & (coarse > 0) & self._inside).astype(np.uint8)
         return self._boxes(mask)
 
-    def _boxes(self, mask: NDArray[np.uint8]) -> Iterator[tuple[int, int, int, int]]:
+    def _boxes(self, mask: NDArray[np.uint8]) -> Iterator[Box]:
         """Boxes x0, y0, x1, y1 (px) around what is connected in a coarse ``mask``."""
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         count, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
@@ -164,9 +166,10 @@ class ItemDetector:
             yield max(x0, 0), max(y0, 0), min(x1, self.camera.width), min(y1, self.camera.height)
 
     def _measure(
-        self, box: tuple[int, int, int, int], colour: Image, depth: Depth, slope: Array, level: float
+        self, box: Box, colour: Image, depth: Depth, slope: Array, level: float, around: Box | None = None
     ) -> ItemView | None:
-        x0, y0, x1, y1 = box
+        """What stands out in ``box``, in a window ``around`` it where its face reaches farther than that."""
+        x0, y0, x1, y1 = around or box
         window = depth[y0:y1, x0:x1]
         height = self._heights(window, slope[y0:y1, x0:x1]) - level
         valid = (window > 0) & (height > 0.5 * self.spec.min_height_m)
@@ -176,9 +179,15 @@ class ItemDetector:
         band = max(_BAND_M, _BAND_SIGMAS * spread(height[valid & (np.abs(height - top) < _SAME_M)]))
         picture = colour[y0:y1, x0:x1]
         level_with, lower = valid & (np.abs(height - top) < band), (window > 0) & (height < top - band)
-        face = face_in_colour(picture, filled(level_with, window == 0), valid, level_with, lower)
+        unknown, own = window == 0, np.zeros_like(level_with)
+        here = np.s_[box[1] - y0 : box[3] - y0, box[0] - x0 : box[2] - x0]
+        own[here] = level_with[here]
+        face = face_in_colour(picture, filled(own, unknown), valid, level_with, lower, unknown)
         if face is None:
             return None
+        if (wider := self._wider(x0, y0, face)) != (x0, y0, x1, y1):
+            most = max(abs(a - b) for a, b in zip(box, wider, strict=True))
+            return self._measure(box, colour, depth, slope, level, wider) if most <= _WIDEST else None
         inner = cv2.erode(face.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)).astype(bool)
         inner &= window > 0
         if inner.sum() < _FEWEST_PX:
@@ -188,6 +197,17 @@ class ItemDetector:
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
         return self._seen(picture, np.array([x0, y0]), face, top, height_sigma(height, inner, top))
+
+    def _wider(self, x0: int, y0: int, face: NDArray[np.bool_]) -> Box:
+        """The window of ``face`` (h, w) at ``x0``, ``y0`` px, with more at the sides where the face goes on
+        and the picture does."""
+        left, up, right, down = (bool(edge.any()) for edge in (face[:, 0], face[0], face[:, -1], face[-1]))
+        return (
+            max(x0 - _MARGIN * left, 0),
+            max(y0 - _MARGIN * up, 0),
+            min(x0 + face.shape[1] + _MARGIN * right, self.camera.width),
+            min(y0 + face.shape[0] + _MARGIN * down, self.camera.height),
+        )
 
     def _find_by_colour(self, colour: Image) -> tuple[ItemView, ...]:
         spec = self.spec
@@ -204,9 +224,7 @@ class ItemDetector:
         found = (self._by_colour(box, colour, belt, spec.height_m) for box in self._boxes(mask))
         return tuple(item for item in found if item is not None)
 
-    def _by_colour(
-        self, box: tuple[int, int, int, int], colour: Image, belt: Image, height_m: float
-    ) -> ItemView | None:
+    def _by_colour(self, box: Box, colour: Image, belt: Image, height_m: float) -> ItemView | None:
         x0, y0, x1, y1 = box
         picture, corner = colour[y0:y1, x0:x1], np.array([x0, y0])
         beside = belt[y0 // _COARSE : -(-y1 // _COARSE), x0 // _COARSE : -(-x1 // _COARSE)]

@@ -23,7 +23,7 @@ _SIGMAS = 4.0  # of the colours of the face itself: a side in its own shade lies
 _LEAST_CONTRAST = 15.0  # grey levels
 _SIDE_PX = 5  # over which a side is told from noise
 _FAT_PX = 15  # square about depth's face, outside of which nothing is taken for it
-_AGREE = 0.5  # of both together; else colour says something else than depth, and depth is taken
+_AGREE = 0.5  # of both together, where depth is known; else colour says something else, and depth is taken
 _BLOCK_PX = 16  # noise of depth is one within
 _SCALE = 0.02  # of a height: what data sheets of stereo cameras state for their depth
 
@@ -63,11 +63,12 @@ def filled(mask: Mask, unknown: Mask) -> Mask | None:
 
 
 def face_in_colour(
-    colour: NDArray[np.uint8], face: Mask | None, stands: Mask, level_with: Mask, lower: Mask
+    colour: NDArray[np.uint8], face: Mask | None, stands: Mask, level_with: Mask, lower: Mask, unknown: Mask
 ) -> Mask | None:
     """What of ``colour`` (h, w, 3) has the colour of ``face``, as depth has it, and not that of the belt
     beside what ``stands`` out. What is ``lower`` by depth is an item's side, and what is ``level_with`` the
-    face and no part of it is another item. ``face`` itself where colour does not tell, or tells otherwise.
+    face and no part of it is another item. Where depth is ``unknown``, colour alone tells: a hole at a corner
+    may reach far into the face. ``face`` itself where colour does not tell, or tells otherwise.
     """
     if face is None:
         return None
@@ -88,9 +89,9 @@ def face_in_colour(
     most = min(_OF_THE_WAY * contrast, max(_LEAST_CONTRAST, _SIGMAS * varies))
     alike = (gone < most) & (aside < most)
     alike &= ~mostly(lower, _SIDE_PX) & ~mostly(level_with & ~face, _SIDE_PX)
-    alike &= cv2.dilate(face.astype(np.uint8), np.ones((_FAT_PX, _FAT_PX), np.uint8)).astype(bool)
+    alike &= unknown | cv2.dilate(face.astype(np.uint8), np.ones((_FAT_PX, _FAT_PX), np.uint8)).astype(bool)
     found = _largest(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
-    if found is None or (found & face).sum() < _AGREE * (found | face).sum():
+    if found is None or (found & face).sum() < _AGREE * (found & ~unknown | face).sum():
         return face
     return found
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from fakes.frames.stereo import stereo_depth
 from fakes.world.camera.truth import StereoTruth as Stereo
@@ -17,8 +19,15 @@ def scene() -> Scene:
 
 @pytest.mark.parametrize(
     "stereo",
-    [Stereo(), Stereo(holes=0.1), Stereo(holes=0.3), Stereo(scale=1.02), Stereo(noise_px=0.2)],
-    ids=["plain", "10 % holes", "30 % holes", "2 % scale", "0.2 px noise"],
+    [
+        Stereo(),
+        Stereo(holes=0.1),
+        Stereo(holes=0.3),
+        Stereo(scale=1.02),
+        Stereo(noise_px=0.2),
+        Stereo(holes=0.3, noise_px=0.2, scale=0.98),
+    ],
+    ids=["plain", "10 % holes", "30 % holes", "2 % scale", "0.2 px noise", "all"],
 )
 def test_an_item_is_where_it_says_within_its_uncertainty(scene: Scene, stereo: Stereo) -> None:
     rng = np.random.default_rng(7)
@@ -77,3 +86,55 @@ def test_a_side_in_another_shade_is_no_part_of_the_face_at_the_edge_of_the_pictu
         for item in detector.find(colour, stereo_depth(depth, Stereo(holes=0.05), rng)):
             off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y]))
             assert off < min(1e-3, 3.0 * item.sigma_m), (y, yaw)
+
+
+@pytest.mark.parametrize(
+    ("middle", "size"),
+    [((0.02, 0.01), (0.03, 0.03)), ((0.02, 0.0), (0.04, 0.06)), ((-0.02, 0.0), (0.04, 0.06))],
+    ids=["a corner", "an end", "the other end"],
+)
+def test_a_hole_that_hides_much_of_a_face_from_depth_moves_it_no_more(
+    scene: Scene, middle: tuple[float, float], size: tuple[float, float]
+) -> None:
+    x, y, yaw = 0.05, -0.6, 0.3
+    colour, depth = scene.picture([(x, y, yaw)])
+    told = stereo_depth(depth, Stereo(), np.random.default_rng(7))
+    hide(scene, told, (x, y, yaw), middle, size)
+    (item,) = scene.detector().find(colour, told)
+    off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y]))
+    assert off < min(0.5e-3, 3.0 * item.sigma_m)
+    assert item.size_m == pytest.approx(SIZE[:2], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("middle", "size"),
+    [((0.035, 0.0), (0.04, 0.06)), ((0.012, 0.0), (0.036, 0.06))],
+    ids=["over the gap", "up to the gap"],
+)
+def test_a_hole_beside_another_item_leaves_both_where_they_are(
+    scene: Scene, middle: tuple[float, float], size: tuple[float, float]
+) -> None:
+    places = [(0.01, -0.6, 0.0), (0.08, -0.6, 0.0)]
+    colour, depth = scene.picture(places)
+    told = stereo_depth(depth, Stereo(), np.random.default_rng(7))
+    hide(scene, told, places[0], middle, size)
+    items = sorted(scene.detector().find(colour, told), key=lambda item: T_BASE_CAMERA.apply(item.point)[0])
+    assert len(items) == 2
+    for item, (x, y, _) in zip(items, places, strict=True):
+        assert float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y])) < 0.5e-3
+
+
+def hide(
+    scene: Scene,
+    depth: NDArray[np.uint16],
+    place: tuple[float, float, float],
+    middle: tuple[float, float],
+    size: tuple[float, float],
+) -> None:
+    """No ``depth`` of a rectangle of ``size`` (m) about ``middle`` (m) of the face at ``place``."""
+    turn = RigidTransform.from_components([*place[:2], SIZE[2]], Rotation.from_euler("z", place[2]))
+    sights = scene.rays.astype(float)
+    height = scene.offset_m + SIZE[2]
+    on_face = T_BASE_CAMERA.apply((sights * (height / (sights @ scene.normal))[..., None]).reshape(-1, 3))
+    own = turn.inv().apply(on_face)[:, :2].reshape(*depth.shape, 2)
+    depth[np.all(np.abs(own - middle) < 0.5 * np.array(size), axis=-1)] = 0
