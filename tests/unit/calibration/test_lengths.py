@@ -30,6 +30,7 @@ def test_as_many_draws_are_longer_as_were_asked_for_whatever_the_shape_of_the_cl
     beyond = np.mean(lengths_of(cov, 1_000_000) > length_beyond(cov, chance))
     assert beyond == pytest.approx(chance, abs=4.0 * np.sqrt(chance / 1_000_000))
     assert length_beyond(1e-12 * cov, chance) == pytest.approx(1e-6 * length_beyond(cov, chance))
+    assert length95(cov) == pytest.approx(length_beyond(cov, 0.05), rel=0.005)
 
 
 def test_round_and_flat_clouds_and_one_axis_have_the_quantiles_of_chi() -> None:
@@ -53,8 +54,9 @@ def test_of_many_each_is_as_of_one_and_no_uncertainty_has_no_length() -> None:
 def test_what_is_no_covariance_has_no_length_that_could_be_taken_for_small() -> None:
     hole = np.eye(3)
     hole[0, 1] = np.nan
-    found = lengths95(np.array([hole, np.full((3, 3), np.inf), -np.eye(3), np.eye(3)]))
-    assert np.isnan(found).tolist() == [True, True, True, False]
+    cov = np.array([hole, np.full((3, 3), np.inf), -np.eye(3), np.eye(3)])
+    for found in (lengths95(cov), [length_beyond(one, 0.01) for one in cov]):
+        assert np.isnan(found).tolist() == [True, True, True, False]
 
 
 @pytest.mark.parametrize("freedom", [4.0, 12.0, 60.0])
