@@ -22,11 +22,14 @@ _HARDEST = 6.0  # m/s^2
 _ACCELERATION = 2.0  # m/s^2, usual size; matters only while the counts say nothing
 
 
-def kinked(s: Array, n: Array, judge: Judge, m_per_count: float) -> Window | None:
+def kinked(
+    s: Array, n: Array, judge: Judge, m_per_count: float, speeds: tuple[float, float]
+) -> Window | None:
     """The motion now, as a parabola since the change; None when the motion before is not known.
 
-    ``s`` (k,) <= 0 in seconds, ``n`` (k,) counts. The coefficients are a mean over all instants of the
-    change, the covariance holds their disagreement.
+    ``s`` (k,) <= 0 in seconds, ``n`` (k,) counts, ``speeds`` (counts/s) the lowest and the highest that are
+    believed of a motion that does not explain the counts, or of one before that is carried on. The
+    coefficients are a mean over all instants of the change, the covariance holds their disagreement.
     """
     for late in _BEFORE:
         if len(s) < late + 24:
@@ -39,9 +42,11 @@ def kinked(s: Array, n: Array, judge: Judge, m_per_count: float) -> Window | Non
             found = _mean(s, n, -min(before.length, _LOOK - s[old.stop - 1]), late, judge, m_per_count)
             if found is None:
                 return None
-            possible = found.ok or 2.0 * abs(float(found.c[2]) * m_per_count) < _HARDEST
+            gentle = 2.0 * abs(float(found.c[2]) * m_per_count) < _HARDEST
+            if found.ok or (gentle and speeds[0] <= found.c[1] <= speeds[1]):
+                return found
             # What no belt can do is misplaced frames; the motion before them is the better guess.
-            return found if possible else before
+            return before if speeds[0] <= before.c[1] <= speeds[1] else None
     return None
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.belt.change_point import kinked
 from calibration.belt.clock import FrameCounter, Timed, strays, true_times
-from calibration.belt.fit import Judge, Window, line_and_bend, newest_strays
+from calibration.belt.fit import Judge, Tail, Window, line_and_bend, newest_strays
 from calibration.belt.forecast import NEVER, Motion, TravelForecast
 from calibration.belt.history import History
 from calibration.belt.ripple import Ripple, blocks, refine, search
@@ -28,6 +28,7 @@ _RIPPLE_WORTH = 1.3
 _RIPPLE_SIGMA = 1.5e-3  # m at 0.6 s; ripple that is known worse than this is not extrapolated
 _SPEED_EACH = 0.08  # s
 _CHANGED = 0.2  # s; the motion is new
+_STEADY = 0.25  # s over which the mean speed is taken for that of now, where nothing better is believed
 _SHORT = 0.15  # s; a window so short may be cut by stray frames
 _LEARNING = 4  # searches from the start that are no measure of later ones
 _ORIGINS = 42  # past forecasts that tell how good forecasts are
@@ -167,7 +168,11 @@ class BeltEstimator:
             line, bend = line_and_bend(s, n, judge)
         window = bend if bend.ok and (bend.length > _BEND_WORTH * line.length or not line.ok) else line
         if window.length < _CHANGED:
-            window = kinked(s, n, judge, self.encoder.m_per_count) or window
+            # Where stamps keep no rhythm, after a pause of the PC, short windows may tell anything.
+            speeds = self._speeds.believable(now) if timed.share is None else (-np.inf, np.inf)
+            window = kinked(s, n, judge, self.encoder.m_per_count, speeds) or window
+            if not speeds[0] <= window.c[1] <= speeds[1]:
+                window = Tail(s, n, judge).steady(-_STEADY)
         ripple = None
         whole = window.ok and window.frames == len(s)
         if not whole:

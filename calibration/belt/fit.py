@@ -146,6 +146,11 @@ class Tail:
             best = wider
         return self._window(best)
 
+    def steady(self, since: float) -> Window:
+        """The line over all frames from ``since`` (s) on, whether or not it is the motion."""
+        frames = max(int(np.count_nonzero(self._s >= since)), min(_SMALLEST[0], len(self._s)))
+        return self._window(self._fit(frames, 1, self._sums(-frames, None)))
+
     @cached_property
     def _whole(self) -> Array:
         return self._sums(None, None)

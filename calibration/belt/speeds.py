@@ -8,10 +8,12 @@ from calibration.belt.forecast import NEVER, Changes
 from cell.poses import Array
 
 _REMEMBERED = 30.0  # s
+_FEW = 5  # speeds that tell nothing
 _HARD = 0.15  # m/s^2
 _WORTH = 0.2  # of the span of speeds; stamps that come late look like smaller changes
 _RESTS = 0.02  # of the span
 _MOST = 8192
+_ROOM = 0.5  # of the span, for a belt that is set to another speed
 
 
 class Speeds:
@@ -45,11 +47,21 @@ class Speeds:
             low = -np.inf
         return low, high
 
+    def believable(self, now: float) -> tuple[float, float]:
+        """Speeds (counts/s) that stamps which keep no rhythm may tell: what the belt lately had, with room on
+        either side. All of them for a belt that was not seen for long."""
+        v = np.array(self._v[self._lately(now)])
+        if len(v) < _FEW:
+            return -np.inf, np.inf
+        v = _middle(v[:-2], v[1:-1], v[2:])  # one late stamp makes one speed of three wrong
+        low, high = min(float(v.min()), 0.0), max(float(v.max()), 0.0)
+        return low - _ROOM * (high - low), high + _ROOM * (high - low)
+
     def changes(self, now: float, m_per_count: float) -> Changes:
         """Starts and stops of the last seconds."""
         rows = self._lately(now)
         t, v = np.array(self._t[rows]), np.array(self._v[rows]) * abs(m_per_count)
-        if len(t) < 5:
+        if len(t) < _FEW:
             return NEVER
         t, v = t[1:-1], _middle(v[:-2], v[1:-1], v[2:])  # one late stamp makes one speed of three wrong
         span = float(max(v.max(), 0.0) - min(v.min(), 0.0))

@@ -53,6 +53,12 @@ class ToolJoints:
         velocity = twist[:3] + np.cross(twist[3:], lever)
         return PursuitState(self.state(q).p, np.array([*velocity, float(twist[5])]), np.zeros(4))
 
+    def speeds(self, Q: Array, Qd: Array) -> Array:
+        """How fast the tool's point is (n,) m/s at joints ``Q`` with joint speeds ``Qd`` (n, 6)."""
+        lever = self._model.flange_many(Q)[:, :3, :3] @ self._T_flange_tool.translation
+        twists = np.einsum("nij,nj->ni", self._model.jacobian_many(Q), Qd)
+        return np.asarray(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], lever), axis=1))
+
     def points(self, Q: Array) -> Array:
         """The tool's point (n, 3) in the base at joints ``Q`` (n, 6)."""
         flanges = self._model.flange_many(Q)
@@ -143,11 +149,17 @@ def along_piece(piece: TrajectoryPiece, times: Array) -> Array:
     return out
 
 
+def looks_on_piece(piece: TrajectoryPiece) -> tuple[Array, Array]:
+    """Joints and joint speeds (n, 6) of ``piece`` from its beginning to its end, in steps of equal time."""
+    times = np.linspace(piece.t0, piece.t1, _LOOKS)
+    k = np.arange(1.0, len(piece.coefficients))
+    speeds: Array = (k * (times - piece.t0)[:, None] ** (k - 1.0)) @ piece.coefficients[1:]
+    return along_piece(piece, times), speeds
+
+
 def fastest_on_piece(piece: TrajectoryPiece) -> Array:
     """The highest speed of each joint in ``piece``, (6,) rad/s."""
-    s = np.linspace(0.0, piece.t1 - piece.t0, _LOOKS)[:, None]
-    k = np.arange(1.0, len(piece.coefficients))
-    speeds: Array = np.max(np.abs((k * s ** (k - 1.0)) @ piece.coefficients[1:]), axis=0)
+    speeds: Array = np.max(np.abs(looks_on_piece(piece)[1]), axis=0)
     return speeds
 
 

@@ -18,6 +18,7 @@ from procedures.belt.motion.tool_joints import (
     fastest_on_piece,
     joints_on_piece,
     looks_along,
+    looks_on_piece,
     on_piece,
 )
 
@@ -25,7 +26,7 @@ STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 HALVES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # the nodes and between them
-SLOWER = (1.1, 1.25, 1.5, 2.0)  # so many times the time for a piece that is too fast for a joint
+SLOWER = (1.1, 1.25, 1.5, 2.0)  # so many times the time for a piece that is too fast
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
@@ -177,20 +178,28 @@ class ToolPath:
             self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
-        slowed = None if share <= 1.0 else self._slowed(t, here, Q, Qd)
+        slowed = None if self._keeps(piece) else self._slowed(t, here, Q, Qd)
         self._behind, piece = slowed is not None, slowed or piece
         self._latest = piece
         return piece
 
     def _slowed(self, t: float, here: tuple[Array, Array], Q: Array, Qd: Array) -> TrajectoryPiece | None:
         """The same way in more time, through ``Q`` and speeds ``Qd`` (n, 6) at the nodes, for a plan that got
-        too fast for a joint sooner than a slower plan helps. None where that is not enough."""
+        too fast sooner than a slower plan helps, or goes with something that is too fast. None where that is
+        not enough."""
         for times in SLOWER:
             nodes = [here, *zip(Q, Qd / times, strict=True)]
             piece = self._tool.piece(t, times * AHEAD_S, nodes)
-            if np.all(fastest_on_piece(piece) <= self._joint_speeds):
+            if self._keeps(piece):
                 return piece
         return None
+
+    def _keeps(self, piece: TrajectoryPiece) -> bool:
+        """Whether joints and tool keep to their speeds; the guard ends the job at a set-point that does
+        not."""
+        Q, Qd = looks_on_piece(piece)
+        joints = np.all(np.max(np.abs(Qd), axis=0) <= self._joint_speeds)
+        return bool(joints and np.max(self._tool.speeds(Q, Qd)) <= self._job.speed_m_s)
 
     def _guesses(self, t: float, here: tuple[Array, Array]) -> Array:
         """About where the joints are at the next piece's nodes (n, 6): a plan seldom changes by much, so that

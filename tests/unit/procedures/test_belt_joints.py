@@ -159,6 +159,45 @@ def test_a_way_whose_goal_leaps_keeps_the_joints_within_their_limits(
     assert subject.state(here[0]).p == pytest.approx(start - way, abs=1e-3)
 
 
+class Runaway:
+    """What is believed of an item for a moment: it goes off, faster and faster."""
+
+    def __init__(self, begun: float, p: Array, m_s2: float) -> None:
+        self._begun, self._p, self._m_s2 = begun, p, m_s2
+
+    def at(self, t: float) -> PursuitState:
+        s, way = t - self._begun, np.array([0.6, 0.8, 0.0, 0.0])
+        a = self._m_s2 * way
+        return PursuitState(self._p + (0.2 * s * way + 0.5 * a * s * s), 0.2 * way + a * s, a)
+
+
+@pytest.mark.parametrize("m_s2", [3.0, 6.0])
+def test_a_tool_that_goes_with_something_too_fast_keeps_its_own_speed_limit(
+    m_s2: float, subject: ToolJoints
+) -> None:
+    limits = BeltTrackingConfig.model_validate(CONFIG).limits
+    path = ToolPath(subject, limits, cast(MotionGuard, OpenGuard()), subject.state(WAIT))
+    here, t, fastest = (WAIT, np.zeros(6)), 1.0, list[float]()
+    path.start(t, WAIT, FixedPoint(subject.state(WAIT).p))
+    item = Runaway(t, subject.state(WAIT).p, m_s2)
+    for _ in range(20):
+        path.catch_up(t, here)
+        path.go(t, item, np.zeros(4))
+        piece = path.piece(t, here)
+        Q, Qd = zip(*(on_piece(piece, float(at)) for at in np.linspace(piece.t0, piece.t1, 20)), strict=True)
+        fastest.append(float(subject.speeds(np.array(Q), np.array(Qd)).max()))
+        t += STEP_S
+        here = on_piece(piece, t)
+    assert 0.5 < max(fastest) <= limits.speed_m_s * 1.001
+
+
+def test_the_speed_of_the_tools_point_is_that_of_its_motion(subject: ToolJoints) -> None:
+    state = moved(subject, 0.02, -0.03, 0.05, 0.4)
+    q, qd = subject.joints(state, WAIT)
+    expected = np.linalg.norm(state.v[:3])
+    assert subject.speeds(q[None], qd[None]) == pytest.approx([expected], abs=1e-9)
+
+
 def test_the_tools_motion_is_that_of_the_joints(subject: ToolJoints) -> None:
     state = moved(subject, 0.02, -0.03, 0.05, 0.4)
     found = subject.moving(*subject.joints(state, WAIT))
