@@ -115,6 +115,6 @@ def test_what_a_long_queue_does_not_take_is_told_and_never_touched(tmp_path: Pat
             refused = [row for row in told(cell, run_id).rows if row["outcome"] == Outcome.QUEUE_FULL]
             assert not any(what == CONTACT for row in refused for _, what in row["detail"]["history"])
             (warning,) = [w for w in cell.result(run_id)["warnings"] if w["code"] == "belt.queue-full"]
-            assert warning["text"].startswith(f"{outcomes['queue full']} items")
+            assert warning["text"].startswith(f"{outcomes['queue full']} missed: queue full")
 
     run_virtual(scene())
