@@ -7,6 +7,7 @@ from cell.poses import Array
 
 _BEYOND95 = 0.05
 _STEPS, _STEP = 4, 1e-3  # of Newton's method: how many, and of the length, for the slope
+_ROUNDING = 1e-9  # of the largest variance, by which a smaller one may come out below zero
 _NODES = 8  # of each angle: the length is right to 1e-4 of itself
 
 
@@ -18,8 +19,8 @@ def length95(cov: Array) -> float:
 
 def lengths95(cov: Array, freedom: float = np.inf) -> Array:
     """(n,): the length that 95 % of normal vectors with each covariance of ``cov`` (n, k, k) stay below; 0
-    where it is zero, NaN where it is none. To half a percent, by the chi-square with the mean and variance of
-    the squared length (Satterthwaite 1946, Box 1954).
+    where it is zero, NaN where it is none. To half a percent, and to one with few degrees of freedom, by the
+    chi-square with the mean and variance of the squared length (Satterthwaite 1946, Box 1954).
 
     ``freedom`` degrees of freedom were left to estimate the size of ``cov`` with: few make it unsure itself,
     and the lengths larger (Hotelling 1931).
@@ -41,7 +42,7 @@ def length_beyond(cov: Array, probability: float) -> float:
     variances, out = _variances(np.asarray(cov)[None])
     if not variances[0, -1] > 0.0:
         return float(out[0])
-    share, k = np.clip(variances[0] / variances[0, -1], 0.0, 1.0), variances.shape[1]
+    share, k = variances[0] / variances[0, -1], variances.shape[1]
     directions, weights = _directions(k)
     stretch = directions**2 @ share  # (m,) of the square of a vector of unit length
 
@@ -62,6 +63,8 @@ def _variances(cov: Array) -> tuple[Array, Array]:
     variances = np.full(cov.shape[:2], np.nan)
     finite = np.isfinite(cov).all(axis=(1, 2))
     variances[finite] = np.linalg.eigvalsh(cov[finite])
+    variances[variances[:, 0] < -_ROUNDING * np.abs(variances[:, -1])] = np.nan
+    variances = np.maximum(variances, 0.0)
     return variances, np.where(np.all(variances == 0.0, axis=1), 0.0, np.nan)
 
 

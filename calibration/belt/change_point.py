@@ -28,7 +28,7 @@ def kinked(
     """The motion now, as a parabola since the change; None when the motion before is not known.
 
     ``s`` (k,) <= 0 in seconds, ``n`` (k,) counts, ``speeds`` (counts/s) the lowest and the highest that are
-    believed of a motion that does not explain the counts, or of one before that is carried on. The
+    believed of a motion that does not explain the counts, or of the one before that is carried on. The
     coefficients are a mean over all instants of the change, the covariance holds their disagreement.
     """
     for late in _BEFORE:

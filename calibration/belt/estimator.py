@@ -28,7 +28,8 @@ _RIPPLE_WORTH = 1.3
 _RIPPLE_SIGMA = 1.5e-3  # m at 0.6 s; ripple that is known worse than this is not extrapolated
 _SPEED_EACH = 0.08  # s
 _CHANGED = 0.2  # s; the motion is new
-_STEADY = 0.25  # s over which the mean speed is taken for that of now, where nothing better is believed
+_STEADY = 0.25  # s over which the mean speed is taken for that of now, where another one is not believed
+_LATELY, _PAUSE = 0.5, 4.0  # s in which a pause of the PC counts, and periods that such a one takes
 _SHORT = 0.15  # s; a window so short may be cut by stray frames
 _LEARNING = 4  # searches from the start that are no measure of later ones
 _ORIGINS = 42  # past forecasts that tell how good forecasts are
@@ -168,11 +169,11 @@ class BeltEstimator:
             line, bend = line_and_bend(s, n, judge)
         window = bend if bend.ok and (bend.length > _BEND_WORTH * line.length or not line.ok) else line
         if window.length < _CHANGED:
-            # Where stamps keep no rhythm, after a pause of the PC, short windows may tell anything.
-            speeds = self._speeds.believable(now) if timed.share is None else (-np.inf, np.inf)
-            window = kinked(s, n, judge, self.encoder.m_per_count, speeds) or window
-            if not speeds[0] <= window.c[1] <= speeds[1]:
-                window = Tail(s, n, judge).steady(-_STEADY)
+            # After a pause of the PC counts come in bursts, of which short windows may tell anything.
+            low, high = self._speeds.believable(now) if self._paused(timed, now) else (-np.inf, np.inf)
+            window = kinked(s, n, judge, self.encoder.m_per_count, (low, high)) or window
+            if not low <= window.c[1] <= high:
+                window = Tail(s, n, judge).steady(-_STEADY, (high - low) / 8.0)
         ripple = None
         whole = window.ok and window.frames == len(s)
         if not whole:
@@ -182,6 +183,11 @@ class BeltEstimator:
         return Motion(
             now, timed, begin, ripple or window, judge, *self._speeds.range(now, float(window.c[1]))
         )
+
+    def _paused(self, timed: Timed, now: float) -> bool:
+        """Whether the stamps keep no rhythm, as the PC lately did not take the counts for a while."""
+        gaps = np.diff(timed.t[timed.t > now - _LATELY])
+        return timed.share is None and bool(np.any(gaps > _PAUSE * self.encoder.period))
 
     def _better(self, ripple: Ripple, window: Window) -> bool:
         if not ripple.ok or ripple.length < _RIPPLE_WORTH * window.length:

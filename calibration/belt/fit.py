@@ -5,7 +5,7 @@ bend pass that 0.6 s of forecast makes visible, so the means of blocks of the re
 can do as well.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import sqrt
 from typing import NamedTuple
@@ -146,10 +146,12 @@ class Tail:
             best = wider
         return self._window(best)
 
-    def steady(self, since: float) -> Window:
-        """The line over all frames from ``since`` (s) on, whether or not it is the motion."""
+    def steady(self, since: float, sigma: float) -> Window:
+        """The line over all frames from ``since`` (s) on, whether or not it is the motion; its speed is known
+        to ``sigma`` (counts/s) at best."""
         frames = max(int(np.count_nonzero(self._s >= since)), min(_SMALLEST[0], len(self._s)))
-        return self._window(self._fit(frames, 1, self._sums(-frames, None)))
+        line = self._window(self._fit(frames, 1, self._sums(-frames, None)))
+        return replace(line, cov=line.cov + np.diag([0.0, sigma**2]))
 
     @cached_property
     def _whole(self) -> Array:

@@ -13,6 +13,7 @@ _HARD = 0.15  # m/s^2
 _WORTH = 0.2  # of the span of speeds; stamps that come late look like smaller changes
 _RESTS = 0.02  # of the span
 _MOST = 8192
+_STOOD = 50.0  # counts/s, of a belt that stands: what rounding of a few frames makes
 _ROOM = 0.5  # of the span, for a belt that is set to another speed
 
 
@@ -48,13 +49,15 @@ class Speeds:
         return low, high
 
     def believable(self, now: float) -> tuple[float, float]:
-        """Speeds (counts/s) that stamps which keep no rhythm may tell: what the belt lately had, with room on
-        either side. All of them for a belt that was not seen for long."""
+        """Speeds (counts/s) that counts in bursts may tell: those of the last 30 s, with room on either side.
+        Any where fewer than five are known, and of a belt that only stood."""
         v = np.array(self._v[self._lately(now)])
         if len(v) < _FEW:
             return -np.inf, np.inf
         v = _middle(v[:-2], v[1:-1], v[2:])  # one late stamp makes one speed of three wrong
         low, high = min(float(v.min()), 0.0), max(float(v.max()), 0.0)
+        if high - low < _STOOD:
+            return -np.inf, np.inf
         return low - _ROOM * (high - low), high + _ROOM * (high - low)
 
     def changes(self, now: float, m_per_count: float) -> Changes:

@@ -24,6 +24,7 @@ _LEAST_CONTRAST = 15.0  # grey levels
 _SIDE_PX = 5  # over which a side is told from noise
 _FAT_PX = 15  # square about depth's face, outside of which nothing is taken for it
 _AGREE = 0.5  # of both together, where depth is known; else colour says something else, and depth is taken
+_NEAR_PX, _JOINED_PX = 11, 20  # about a hole of depth, where colour may go on to another face; px of that
 _BLOCK_PX = 16  # noise of depth is one within
 _SCALE = 0.02  # of a height: what data sheets of stereo cameras state for their depth
 
@@ -68,7 +69,8 @@ def face_in_colour(
     """What of ``colour`` (h, w, 3) has the colour of ``face``, as depth has it, and not that of the belt
     beside what ``stands`` out. What is ``lower`` by depth is an item's side, and what is ``level_with`` the
     face and no part of it is another item. Where depth is ``unknown``, colour alone tells: a hole at a corner
-    may reach far into the face. ``face`` itself where colour does not tell, or tells otherwise.
+    may reach far into the face. ``face`` itself where colour does not tell, or tells otherwise; None where
+    colour goes on through a hole to what depth has for another one: is that one item, or are they two?
     """
     if face is None:
         return None
@@ -93,7 +95,16 @@ def face_in_colour(
     found = _largest(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
     if found is None or (found & face).sum() < _AGREE * (found & ~unknown | face).sum():
         return face
-    return found
+    return None if _goes_on(found, unknown, level_with & ~face, (gone < most) & (aside < most)) else found
+
+
+def _goes_on(found: Mask, unknown: Mask, other: Mask, alike: Mask) -> bool:
+    """Whether what is ``alike`` in colour goes on from what was ``found`` in a hole, where depth is
+    ``unknown``, to the ``other`` faces that depth has."""
+    near = cv2.dilate((found & unknown).astype(np.uint8), np.ones((_NEAR_PX, _NEAR_PX), np.uint8)) > 0
+    _, labels = cv2.connectedComponents((alike & (found | near)).astype(np.uint8), connectivity=4)
+    own = np.isin(labels, np.unique(labels[found & alike]))
+    return int(np.count_nonzero(own & near & other & alike)) >= _JOINED_PX
 
 
 def height_sigma(height: Array, inner: Mask, above_m: float) -> float:

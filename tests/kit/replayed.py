@@ -51,7 +51,7 @@ from tests.kit.wire_cell import WireCell, pause, wire_cell
 
 WHO = "test"
 PAUSE_S = 1.0  # the longest that a recorded program may have stood still
-SOLVED_M, SOLVED_RAD = 2e-5, 5e-4  # by which a tool's frame may differ that is solved again
+SOLVED_M, SOLVED_RAD = 3e-6, 1e-4  # by which a tool's frame may differ that is solved again
 LEAD_S = 0.01  # by which virtual time begins before the recording
 
 

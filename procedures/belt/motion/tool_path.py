@@ -26,10 +26,11 @@ STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 HALVES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # the nodes and between them
-SLOWER = (1.1, 1.25, 1.5, 2.0)  # so many times the time for a piece that is too fast
+SLOWER = (1.1, 1.25, 1.5, 2.0, 3.0, 4.0)  # so many times the time for a piece that is too fast
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
+KEPT_SHARE = 0.995  # of it that a piece may use: the next one begins between the places that were looked at
 SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
 LEAST_SHARE = 0.2  # slower would not help: a tool that still gets faster is first to lose its acceleration
 YAW_SHARE = 0.6  # of the joints' speed limit for turning the tool; the way itself turns the wrist too
@@ -199,7 +200,7 @@ class ToolPath:
         not."""
         Q, Qd = looks_on_piece(piece)
         joints = np.all(np.max(np.abs(Qd), axis=0) <= self._joint_speeds)
-        return bool(joints and np.max(self._tool.speeds(Q, Qd)) <= self._job.speed_m_s)
+        return bool(joints and np.max(self._tool.speeds(Q, Qd)) <= KEPT_SHARE * self._job.speed_m_s)
 
     def _guesses(self, t: float, here: tuple[Array, Array]) -> Array:
         """About where the joints are at the next piece's nodes (n, 6): a plan seldom changes by much, so that

@@ -7,13 +7,13 @@ from calibration.belt.estimator import BeltEstimator, EncoderScale
 from cell.poses import Array
 
 PERIOD_S, M_PER_COUNT, FAST_M_S = 0.005, 1e-4, 0.2
-STANDS_S, STARTS_S, HURRIED_S = 1.0, 1.4, 1.3
+STANDS_S, STARTS_S, PAUSES_S = 1.0, 1.4, 1.3
 
 
 def stamps(t: Array, rng: np.random.Generator) -> Array:
-    """Of frames sent at ``t``: each a little late, and from ``HURRIED_S`` on all at once after a pause of 20
+    """Of frames sent at ``t``: each a little late, and from ``PAUSES_S`` on all at once after a pause of 20
     to 120 ms, some five times a second."""
-    out, at = t + rng.exponential(0.0015, len(t)), HURRIED_S
+    out, at = t + rng.exponential(0.0015, len(t)), PAUSES_S
     while at < t[-1]:
         awake = at + rng.uniform(0.02, 0.12)
         out = np.where((out > at) & (out < awake), awake, out)

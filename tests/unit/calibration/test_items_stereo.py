@@ -106,6 +106,14 @@ def test_a_hole_that_hides_much_of_a_face_from_depth_moves_it_no_more(
     assert item.size_m == pytest.approx(SIZE[:2], abs=1e-3)
 
 
+def test_a_face_that_a_hole_parts_in_two_is_left_to_another_picture(scene: Scene) -> None:
+    x, y, yaw = 0.05, -0.6, 0.3
+    colour, depth = scene.picture([(x, y, yaw)])
+    told = stereo_depth(depth, Stereo(), np.random.default_rng(7))
+    hide(scene, told, (x, y, yaw), (0.0, 0.0), (0.03, 0.08))
+    assert scene.detector().find(colour, told) == ()
+
+
 @pytest.mark.parametrize(
     ("middle", "size"),
     [((0.035, 0.0), (0.04, 0.06)), ((0.012, 0.0), (0.036, 0.06))],

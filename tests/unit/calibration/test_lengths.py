@@ -54,9 +54,9 @@ def test_of_many_each_is_as_of_one_and_no_uncertainty_has_no_length() -> None:
 def test_what_is_no_covariance_has_no_length_that_could_be_taken_for_small() -> None:
     hole = np.eye(3)
     hole[0, 1] = np.nan
-    cov = np.array([hole, np.full((3, 3), np.inf), -np.eye(3), np.eye(3)])
+    cov = np.array([hole, np.full((3, 3), np.inf), -np.eye(3), np.diag([1.0, -0.5, 0.2]), np.eye(3)])
     for found in (lengths95(cov), [length_beyond(one, 0.01) for one in cov]):
-        assert np.isnan(found).tolist() == [True, True, True, False]
+        assert np.isnan(found).tolist() == [True, True, True, True, False]
 
 
 @pytest.mark.parametrize("freedom", [4.0, 12.0, 60.0])
