@@ -32,7 +32,7 @@ def lengths95(cov: Array, freedom: float = np.inf) -> Array:
 
 
 def length_beyond(cov: Array, probability: float) -> float:
-    """The length that normal vectors of k = 2 or 3 numbers with covariance ``cov`` (k, k) are beyond with
+    """The length that normal vectors of k = 1, 2 or 3 numbers with covariance ``cov`` (k, k) are beyond with
     ``probability``; 0 and NaN as in :func:`lengths95`.
 
     Exact, as the matched chi-square is up to 4 % short where 1 of 300 may be beyond. A vector of unit normal
@@ -81,8 +81,10 @@ def _matched(variances: Array, probability: float, freedom: float = np.inf) -> A
 
 
 def _directions(k: int) -> tuple[Array, Array]:
-    """Unit vectors (m, k) of the part of the circle or sphere in which all numbers are positive, and their
-    weights (m,), by Gauss and Legendre in the angle and in the height."""
+    """Unit vectors (m, k) of the part of the line, circle or sphere in which all numbers are positive, and
+    their weights (m,), by Gauss and Legendre in the angle and in the height."""
+    if k == 1:
+        return np.ones((1, 1)), np.ones(1)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     nodes, weights = 0.5 * (1.0 + nodes), 0.5 * weights
     across = np.stack([np.cos(0.5 * np.pi * nodes), np.sin(0.5 * np.pi * nodes)], axis=1)

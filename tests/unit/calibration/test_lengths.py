@@ -39,8 +39,8 @@ def test_round_and_flat_clouds_and_one_axis_have_the_quantiles_of_chi() -> None:
             expected = np.sqrt(chdtri(axes, chance))
             cov = np.diag([1] * axes + [0] * (3 - axes))
             assert length_beyond(cov, chance) == pytest.approx(expected, rel=1e-4)
-            if axes < 3:
-                assert length_beyond(cov[:2, :2], chance) == pytest.approx(expected, rel=1e-4)
+            for fewer in range(axes, 3):
+                assert length_beyond(cov[:fewer, :fewer], chance) == pytest.approx(expected, rel=1e-4)
     assert length95(np.eye(3)) == pytest.approx(2.7955, abs=1e-4)
 
 
