@@ -43,6 +43,9 @@ def main() -> int:
     parser.add_argument("looks", nargs="?", type=int, default=LOOKS)
     parser.add_argument("--row", type=int, action="append", help="only this row, from 0")
     options = parser.parse_args()
+    most = len(DEPTHS) + len(BY_COLOUR) - 1
+    if any(not 0 <= row <= most for row in options.row or ()):
+        parser.error(f"--row is 0 to {most}")
     looks, begun = options.looks, time.perf_counter()
     print(f"{looks} looks each; blobs of holes are 16 px")
     print(f"{'':22s}{'found %':>8s}{'RMS mm':>8s}{'most mm':>8s}{'says mm':>8s}{'inside %':>9s}{'ms':>6s}")

@@ -1,8 +1,6 @@
 """The fast demo as a person runs it, and the commands that read what it leaves."""
 
 import json
-import logging
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,24 +9,15 @@ from cell.store.files import read_json
 from daemon.cli import main
 from daemon.demo.fast import ROWS_FILE, STATE, run_fast
 from daemon.demo.steps import steps_of
+from tests.kit.log_handlers import logging_as_before
 
-pytestmark = pytest.mark.slow
+__all__ = ["logging_as_before"]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("logging_as_before")]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("demo")
-
-
-@pytest.fixture(autouse=True)
-def _logging_as_before() -> Iterator[None]:
-    """The demo sends the log to a file of its own."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    yield
-    for handler in set(root.handlers) - set(handlers):
-        handler.close()
-    root.handlers[:], root.level = handlers, level
 
 
 def test_the_fast_demo_agrees_with_the_truth_and_replays(

@@ -1,8 +1,6 @@
 """``cellward rehearse``: a job on a twin of the configured cell."""
 
 import json
-import logging
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -26,7 +24,11 @@ from procedures.kind import KINDS, Kind
 from procedures.registry import SHIPPED
 from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import LASER_TRACKER, whole_example
+from tests.kit.log_handlers import logging_as_before
 from tests.kit.whole_results import whole
+
+__all__ = ["logging_as_before"]
+pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 FEW = {
     "placements = 3": "placements = 1",
@@ -51,17 +53,6 @@ BELT_SPEEDS = {
         "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
     )
 }
-
-
-@pytest.fixture(autouse=True)
-def _logging_as_before() -> Iterator[None]:
-    """A rehearsal sends the log to a file of its own."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    yield
-    for handler in set(root.handlers) - set(handlers):
-        handler.close()
-    root.handlers[:], root.level = handlers, level
 
 
 def test_a_capture_is_rehearsed_on_a_twin_of_the_example(

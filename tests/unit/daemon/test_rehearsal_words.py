@@ -1,7 +1,5 @@
 """What a rehearsal tells beside its verdict: what was played before, warnings, and what no limit covers."""
 
-import logging
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +12,16 @@ from daemon.rehearsal.play import NOT_STARTED, RehearsedRun, rehearse
 from daemon.rehearsal.words import outcome_lines, twin_lines
 from tests.kit.cli_harness import CommandLine
 from tests.kit.example_cell import whole_example
+from tests.kit.log_handlers import logging_as_before
 from tests.kit.whole_results import whole
+
+__all__ = ["logging_as_before"]
+pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 MISSED = {"code": "belt.out-of-zone", "text": "13 missed: out of zone"}
 DELAYS = {"code": "belt.delays", "text": "how late the stamps are was not measured: 0.370 mm (95 %)"}
 CONTACT = {"off_m": [0.0, 0.0], "slide_m_s": 0.0, "taken": True}
 TRUTH = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [CONTACT]}}
-
-
-@pytest.fixture(autouse=True)
-def _logging_as_before() -> Iterator[None]:
-    """A rehearsal sends the log to a file of its own."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    yield
-    for handler in set(root.handlers) - set(handlers):
-        handler.close()
-    root.handlers[:], root.level = handlers, level
 
 
 def picking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calibration: str | None) -> RehearsedRun:
