@@ -252,9 +252,14 @@ def solved_update(
     decided = recorded.get("inputs", {}).get("update", {})
     if not isinstance(found, LaserResult) or not decided:
         return found
-    why = decided.get("why", "")
-    if (path.parent / SECOND / path.name).exists():
+    why, max_U_m = decided.get("why") or "", config["max_U_m"]
+    if (path.parent / SECOND / path.name).exists() and _by_comparison(why, decided, max_U_m):
         chance = config.get("false_alarm", FALSE_ALARM)
-        compared = compare_second(path, found.result, known_reference(values), chance)
-        why = why_not(compared, config["max_U_m"]) or why
+        why = why_not(compare_second(path, found.result, known_reference(values), chance), max_U_m)
     return not_confirmed(found, why) if why else found
+
+
+def _by_comparison(why: str, decided: Mapping[str, Any], max_U_m: float) -> bool:
+    """Whether the last scan that was compared decided, and no finish by the operator."""
+    compared = decided.get("second_scan")
+    return not why or (compared is not None and why == why_not(SecondScan.model_validate(compared), max_U_m))
