@@ -209,8 +209,9 @@ class _Measured(Strict):
         default=FALSE_ALARM,
         gt=0,
         le=0.1,
-        description="how often, at most, a good tool is judged not to be: moved, in a check; not confirmed "
-        "by the second scan, in an update; less often means that only larger errors are found",
+        description="chance, at most, that a check calls a tool moved that has not moved, and that the "
+        "second scan of an update turns down a right frame. With a smaller one only larger errors are found; "
+        "cellward check prints their sizes",
     )
     max_latency_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a latency further from the configured one is warned of"
@@ -230,14 +231,14 @@ class LaserCheckConfig(_Measured):
         gt=0,
         le=0.1,
         description="a tool whose point is further off the frame in effect has moved: verdict fail, run "
-        "laser-update; by default what a good tool exceeds in false_alarm of all checks, by the uncertainty "
-        "of the measurement, and 0.0001 at least",
+        "laser-update; by default 0.0001. Where the measurement is too uncertain for that, the tolerance is "
+        "larger: what a tool that has not moved exceeds in false_alarm of all checks",
     )
     tolerance_rad: float | None = Field(
         default=None,
         gt=0,
         le=0.5,
-        description="the same for the tool's axis; by default by the uncertainty, and 0.002 at least",
+        description="the same for the tool's axis; by default 0.002",
     )
 
     @model_validator(mode="after")

@@ -5,20 +5,17 @@ from math import degrees, sqrt
 from typing import Any
 
 from calibration.tool_frame.budget import END, HELPS, POLLS, REPEATABILITY, budget, dominating
-from calibration.tool_frame.meeting import detectable
 from calibration.tool_frame.prediction import ExpectedComparison, near_pairs, predict
 from calibration.tool_frame.repeatability import UNDER_WAY, stated_sigma
 from cell.errors import CellError
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
-from procedures.laser.judging import odds
+from procedures.laser.expected_gates import SLOWER, expected_gates
 from procedures.laser.measurement import SPEEDS
-from procedures.laser.moved import FLOOR_M, tolerance
 from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
 from procedures.setup import Setup
 
 REACHED = "every move keeps the limits"
-SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 
 def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]:
@@ -55,12 +52,13 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         for noise in (sigma, 0.0)
     )
     parts = budget(expected, perfect, sigma, near)
-    gate = _gate(setup, expected)
+    check = setup.job(LaserCheckConfig) or LaserCheckConfig()
+    update = setup.job(LaserUpdateConfig) or LaserUpdateConfig()
+    gates = expected_gates(expected, check, update)
+    limits = list(_limits(job, check, update, expected.U_point_m))
     return {
-        "text": "; ".join(
-            (_words(expected, job, period, sigma), _term_words(parts), _gate_words(gate), REACHED)
-        ),
-        **gate,
+        "text": "; ".join((_words(expected, job, period, sigma), _term_words(parts), *gates.words, REACHED)),
+        **gates.figures,
         "slide_m": expected.slide_m,
         "z_resolution_m": expected.z_resolution_m,
         "U_xy_m": expected.U_xy_m,
@@ -70,9 +68,9 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         "assumed_noise_m": sigma,
         "budget_m2": parts,
         "dominating": dominating(parts),
-        "limits": (limits := list(_limits(setup, job, expected.U_point_m))),
+        "limits": limits,
         "problems": [],
-        "cautions": list(_beyond(limits)),
+        "cautions": [*_beyond(limits), *gates.cautions],
     }
 
 
@@ -86,33 +84,12 @@ def _pin_radius(setup: Setup, job: LaserReferenceConfig) -> float:
     return float(job.pin_radius_m or setup.values.tool["radius_m"])
 
 
-def _gate(setup: Setup, expected: ExpectedComparison) -> dict[str, float]:
-    """What ``laser-check`` will tell apart: its tolerance (m), its chance of a false alarm, and which shift
-    of the tool's point (m) it finds with 99 %."""
-    check = setup.job(LaserCheckConfig) or LaserCheckConfig()
-    point = expected.cov[:3, :3]
-    limit = check.tolerance_m or tolerance(point, FLOOR_M, check.false_alarm)
-    return {
-        "tolerance_m": limit,
-        "false_alarm": check.false_alarm,
-        "detectable_m": detectable(point, limit),
-    }
-
-
 def _term_words(parts: dict[str, float]) -> str:
     """Which term is the largest, its share of the variance, and what helps."""
     term = dominating(parts)
     name = {POLLS: "the polls", REPEATABILITY: "the arm's repeatability", END: "the shape of the tool's end"}
     share = 100.0 * parts[term] / sum(parts.values())
-    return f"{name[term]} {'are' if term == POLLS else 'is'} {share:.0f} % of that variance: {HELPS[term]}"
-
-
-def _gate_words(gate: dict[str, float]) -> str:
-    return (
-        f"laser-check calls a tool moved beyond {1e3 * gate['tolerance_m']:.3f} mm: a good one in "
-        f"{odds(gate['false_alarm'])} checks at most, one that moved by {1e3 * gate['detectable_m']:.3f} mm "
-        "in 99 of 100 at least"
-    )
+    return f"{share:.0f} % of the variance of the tool's point comes from {name[term]}: {HELPS[term]}"
 
 
 def _words(expected: ExpectedComparison, job: LaserReferenceConfig, period: float, sigma: float) -> str:
@@ -160,10 +137,10 @@ def _polls(device: str, period: float | None, job: LaserReferenceConfig) -> Iter
         )
 
 
-def _limits(setup: Setup, job: LaserReferenceConfig, U: float) -> Iterator[dict[str, Any]]:
+def _limits(
+    job: LaserReferenceConfig, check: LaserCheckConfig, update: LaserUpdateConfig, U: float
+) -> Iterator[dict[str, Any]]:
     """What each job that measures a tool will hold against its limit; ``U`` has the reference's part, too."""
-    check = setup.job(LaserCheckConfig) or LaserCheckConfig()
-    update = setup.job(LaserUpdateConfig) or LaserUpdateConfig()
     for name, value, limit in (
         ("laser-reference", U / sqrt(2.0), job.max_U_m),
         ("laser-check", U, check.max_U_m),

@@ -14,11 +14,13 @@ from cell.formats.result import Result, Warning_
 from cell.poses import from_pose6, to_pose6
 from procedures.laser.moved import whether_moved
 from procedures.laser.moved_words import moved_reasons
+from procedures.laser.odds_words import odds
 from procedures.laser.record import FINISHED_EARLY
 from procedures.laser.result import Apart, LaserAnswer, LaserResult, ReferenceResult, SecondScan
 
 DEG = float(np.degrees(1.0))
 BENT = "bent tool"
+NOT_CONFIRMED = "not confirmed"
 AGAIN = 2.0  # times the limit: up to there a second scan that missed is taken once more
 
 
@@ -143,11 +145,6 @@ def why_not(second: SecondScan, max_U_m: float) -> str:
     )
 
 
-def odds(chance: float) -> str:
-    """A chance as people say it: ``1 of 300``."""
-    return f"1 of {1.0 / chance:.0f}"
-
-
 def worth_another(second: SecondScan, max_U_m: float) -> bool:
     """Whether a second scan missed by so little that one more scan may tell better."""
     if second.apart is None or second.U_m is None or second.U_point_m is None:
@@ -159,7 +156,7 @@ def worth_another(second: SecondScan, max_U_m: float) -> bool:
 
 def not_confirmed(measured: LaserResult, why: str) -> LaserResult:
     """An update whose candidate was not put into effect."""
-    return measured.judged([f"not confirmed: {why}"])
+    return measured.judged([f"{NOT_CONFIRMED}: {why}"])
 
 
 def moved_between(before: Sequence[float], now: Sequence[float]) -> Apart:

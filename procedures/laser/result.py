@@ -55,7 +55,7 @@ class MovedTest(Part):
     tolerance_m: Metres = Field(description="Beyond this the tool has moved.")
     detectable_m: Metres | None = Field(default=None, description="A shift found in 99 of 100 checks.")
     false_alarm: float | None = Field(
-        default=None, description="Chance of calling a tool moved that has not (1)."
+        default=None, description="Chance, at most, of calling a tool moved that has not (1)."
     )
     tilt_rad: Radians | None = Field(description="By how much the axis turned; null: not measured.")
     U_tilt_rad: Radians | None = Field(description="95 % of the errors of that stay below this.")
@@ -191,7 +191,9 @@ class SecondScan(Part):
     apart: Metres | None = Field(description="How far off it is; null when the scan cannot be solved.")
     U_m: Metres | None = Field(default=None, description="Beyond this the frame is turned down.")
     scans: int | None = Field(default=None, description="How many were taken.")
-    false_alarm: float | None = Field(default=None, description="Chance of turning a right frame down (1).")
+    false_alarm: float | None = Field(
+        default=None, description="Chance, at most, of turning a right frame down (1)."
+    )
     apart_m: Vector | None = Field(default=None, description="How far off it is, in the flange.")
     detectable_m: Metres | None = Field(default=None, description="An error found in 99 of 100.")
     U_point_m: Metres | None = Field(default=None, description="95 % of the scan's errors stay below this.")

@@ -6,7 +6,8 @@ from typing import Any
 
 from cell.formats.result import Covariance
 from procedures.laser.moved_words import axis_words, point_words
-from procedures.laser.result import LaserResult, MovedTest, ReferenceResult, Update
+from procedures.laser.odds_words import odds_of
+from procedures.laser.result import LaserResult, MovedTest, ReferenceResult, SecondScan, Update
 from procedures.words import deg, mm, ms, pose_text
 
 
@@ -40,9 +41,11 @@ def _moved(test: MovedTest) -> list[str]:
     lines = [f"  {verdict} against the tool frame in effect: point {point_words(test)}"]
     if axis := axis_words(test):
         lines.append(f"    axis {axis}")
-    if (size := test.detectable_m) is not None:
-        lines.append(f"    a shift of {mm(size)} is found in 99 of 100 checks")
-    return lines
+    return [*lines, *_odds(test)]
+
+
+def _odds(test: MovedTest | SecondScan) -> list[str]:
+    return [f"    {told}"] if (told := odds_of(test)) else []
 
 
 def _update(update: Update) -> list[str]:
@@ -55,8 +58,7 @@ def _update(update: Update) -> list[str]:
             f"  {scans}: the point is {mm(second.apart)} off the reference, {within} the limit of "
             f"{mm(second.U_m)}"
         )
-        if (size := second.detectable_m) is not None:
-            lines.append(f"    an error of the frame of {mm(size)} is found in 99 of 100")
+        lines += _odds(second)
     if update.committed:
         lines.append(f"  the new frame is in effect from the next job on, accepted by {update.accepted_by}")
     elif update.committed is False:

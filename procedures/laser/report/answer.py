@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from procedures.laser.judging import BENT, NOT_CONFIRMED
 from procedures.laser.moved_words import NAME as MOVED
 from procedures.laser.moved_words import axis_words, point_words
 from procedures.laser.report.checks import ms
@@ -19,10 +20,14 @@ _MOVED = (
     "The beams show another tool than the frame in effect. Look at the tool and at its fixture, then correct "
     "the frame: cellward start laser-update{}."
 )
+_NOT_CONFIRMED = (
+    "Nothing was changed. Where the tool's point missed the reference, see that tool, beams and fixture are "
+    "tight; else correct what the reason names. Then start laser-update again."
+)
 _REMEDY = {
-    "bent tool": _BENT,
+    BENT: _BENT,
     "bent-tool": _BENT,
-    "second scan": "Nothing was changed. See that tool, beams and fixture are tight, and measure again.",
+    NOT_CONFIRMED: _NOT_CONFIRMED,
     "no-edges": "Check that the tool crosses the beams below its point, and that their inputs switch.",
     "one-beam-only": "Check the other beam and its input: it never showed the tool.",
     "too-few-passes": "Take more passes; the reasons below say why these could not be used.",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from procedures.laser.judging import odds
+from procedures.laser.odds_words import odds_of
 from procedures.laser.report.source import LaserSource
 from procedures.report.html import Html, absent, note, section, table
 from procedures.report.numbers import DASH, deg, dig, mm, number
@@ -63,13 +63,8 @@ def _odds(source: LaserSource) -> str:
         return ""
     update = source.measured.inputs.update
     test = source.measured.result.moved or (update.second_scan if update is not None else None)
-    if test is None or test.false_alarm is None or test.detectable_m is None:
-        return ""
-    size = mm(test.detectable_m)
-    return (
-        f" A good tool is judged not to be in {odds(test.false_alarm)} of such tests at most; an error of "
-        f"{size} of its point is found in 99 of 100 at least."
-    )
+    told = odds_of(test)
+    return f" {told[0].upper()}{told[1:]}." if told else ""
 
 
 def _reference_rows(source: LaserSource, limits: Any) -> list[Row]:

@@ -67,9 +67,13 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     assert 0.0 < beams["U_z_m"] < beams["slide_m"]
     assert 0.0 < beams["U_xy_m"] < beams["slide_m"]
     assert beams["detectable_m"] > beams["tolerance_m"] >= 1e-4
-    assert f"one that moved by {1e3 * beams['detectable_m']:.3f} mm in 99 of 100" in shown.out
-    assert "a good one in 1 of 300 checks at most" in shown.out
-    assert "% of that variance" in shown.out
+    for gate, told in (
+        (beams, "called moved in 1 of 300 checks at most, one that moved by"),
+        (beams["second_scan"], "turned down in 1 of 300 updates at most, one that is wrong by"),
+    ):
+        assert f"{told} {1e3 * gate['detectable_m']:.3f} mm in 99 of 100" in shown.out
+    assert beams["detectable_m"] > beams["second_scan"]["detectable_m"] > beams["second_scan"]["U_m"] > 0.0
+    assert "% of the variance of the tool's point comes from the " in shown.out
 
 
 @pytest.fixture
@@ -240,6 +244,21 @@ def test_an_uncertainty_beyond_its_limit_is_a_warning_with_its_fix(
     assert "Warning: laser-reference: 95 % of the errors" in done.err
     assert told in done.err
     assert "is valid" in done.out
+
+
+def test_a_tolerance_below_what_is_measured_is_a_warning_and_the_stated_odds_hold(
+    subject: CommandLine, beams: Path
+) -> None:
+    tight = "[job.laser-check]\ntolerance_m = 2e-5\n[job.laser-update]\nfalse_alarm = 0.02\n"
+    change(beams, "[job.laser-reference]", f"{tight}[job.laser-reference]")
+    done = subject("check", "-c", beams)
+    assert done.code == 0, done.err
+    (found,) = json.loads(subject("check", "-c", beams, "--json").out)["predictions"]
+    limit = f"{1e3 * found['tolerance_m']:.3f} mm"
+    assert found["tolerance_m"] > 2e-5
+    assert f"[job.laser-check] tolerance_m is 0.02 mm, and the tolerance is {limit}: a tool" in done.err
+    assert f"laser-check calls a tool moved beyond {limit}" in done.out
+    assert "a right frame is turned down in 1 of 50 updates at most" in done.out
 
 
 def test_a_board_out_of_reach_is_predicted_with_its_reason(

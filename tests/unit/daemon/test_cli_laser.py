@@ -109,6 +109,19 @@ def test_uncertainty_comes_from_the_covariance_where_no_job_stated_it(
         ),
         (
             {
+                "second_scan": {
+                    "apart": 1e-5,
+                    "U_m": 3e-5,
+                    "meets": True,
+                    "false_alarm": 0.01,
+                    "detectable_m": 5e-5,
+                },
+            },
+            "a right frame is turned down in 1 of 100 updates at most, one that is wrong by 0.050 mm in 99 "
+            "of 100 at least",
+        ),
+        (
+            {
                 "second_scan": {"apart": 0.0004, "U_m": 0.00003, "meets": False},
                 "committed": False,
                 "why": "far",

@@ -13,7 +13,7 @@ from fakes.object import run_virtual
 from procedures.laser.check import known_of
 from procedures.laser.config import LaserCheckConfig
 from procedures.laser.judging import judge_check, judge_moved
-from procedures.laser.moved import FALSE_ALARM, FLOOR_M, tolerance, whether_moved
+from procedures.laser.moved import FALSE_ALARM, FLOOR_M, by_chance, tolerance, whether_moved
 from procedures.laser.result import Apart
 from tests.kit.laser_cell import laser_cell, laser_config, states_of_results
 from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
@@ -56,6 +56,7 @@ def test_a_tool_that_has_not_moved_passes_and_the_test_is_shown() -> None:
     text = result_text(subject)
     assert "the tool has not moved against the tool frame in effect: point 0.02 mm (uncertainty" in text
     assert "axis 0.00 deg (uncertainty 0.08 deg, tolerance 0.12 deg)" in text
+    assert "a tool that has not moved is called moved in 1 of 300 checks at most, one that moved by" in text
 
 
 def test_an_axis_that_turned_has_moved_too() -> None:
@@ -78,9 +79,20 @@ def test_a_tool_that_was_corrected_since_the_reference_is_judged_by_its_frame_in
     assert subject["result"]["moved"]["U_shift_m"] == pytest.approx(np.sqrt(2.0) * 0.000036, rel=0.02)
 
 
-def test_a_configured_tolerance_replaces_the_one_of_the_uncertainty() -> None:
+def test_a_configured_tolerance_replaces_the_usual_one() -> None:
     assert judged([0.0005, 0.0, 0.0], tolerance_m=0.001)["verdict"] == "pass"
-    assert judged([0.00005, 0.0, 0.0], tolerance_m=0.00004)["verdict"] == "fail"
+    assert judged([0.00007, 0.0, 0.0], tolerance_m=0.00006)["verdict"] == "fail"
+    assert judged([0.00007, 0.0, 0.0])["verdict"] == "pass"
+    assert judged([0.0, 0.0, 0.0], [0.003, 0.0, 0.0], tolerance_rad=0.004)["verdict"] == "pass"
+
+
+def test_a_tolerance_below_the_uncertainty_is_what_chance_exceeds_as_seldom_as_is_stated() -> None:
+    tight = {"tolerance_m": 1e-5, "tolerance_rad": 1e-5}
+    test = judged([0.00004, 0.0, 0.0], [0.001, 0.0, 0.0], **tight)["result"]["moved"]
+    assert not test["moved"]
+    assert test["tolerance_m"] == by_chance(COV[:3, :3])
+    assert test["tolerance_rad"] == by_chance(COV[3:, 3:])
+    assert test["detectable_m"] > test["tolerance_m"]
 
 
 @pytest.mark.parametrize(("key", "value"), [("tolerance_m", 0.0025), ("tolerance_rad", 0.025)])
@@ -89,12 +101,15 @@ def test_a_tolerance_above_the_limit_of_a_bent_tool_is_refused(key: str, value: 
         LaserCheckConfig.model_validate({key: value})
 
 
+@pytest.mark.parametrize("config", [CONFIG, {**CONFIG, "tolerance_m": 2e-5, "tolerance_rad": 1e-4}])
 @pytest.mark.parametrize("same", [True, False])
-def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(same: bool) -> None:
+def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(
+    same: bool, config: dict[str, Any]
+) -> None:
     cov = 100.0 * COV  # far above the floors
     draws = np.random.default_rng(4).multivariate_normal(np.zeros(6), cov if same else 2.0 * cov, 60_000)
     shifts, turns = (np.linalg.norm(part, axis=1) for part in (draws[:, :3], draws[:, 3:]))
-    test = whether_moved(NO_SHIFT, cov, CONFIG, same, tilted=True)
+    test = whether_moved(NO_SHIFT, cov, config, same, tilted=True)
     share = np.mean((shifts > test.tolerance_m) | (turns > test.tolerance_rad))
     assert 0.5 * FALSE_ALARM < share < 1.15 * FALSE_ALARM  # 200 expected, standard deviation 14
 

@@ -13,11 +13,12 @@ from calibration.tool_frame.scene import ToolFrameScene
 from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from procedures.documents import read_result
+from procedures.laser.judging import not_confirmed, why_not
 from procedures.laser.moved_words import moved_reasons
 from procedures.laser.report.passes import bracket, pairs, shown
 from procedures.laser.report.source import LaserSource
 from procedures.laser.report.tool import crossing, exaggeration, tool_figure
-from procedures.laser.result import MovedTest
+from procedures.laser.result import LaserResult, MovedTest, SecondScan, Update
 from procedures.laser.solve.data import scene_of
 from procedures.report.write import from_folder, render, write_report
 from tests.kit import whole_results
@@ -117,6 +118,7 @@ def check_of(shift: tuple[float, ...]) -> dict[str, Any]:
     moved = float(np.linalg.norm(shift)) > 1e-4
     test = {"moved": moved, "shift_m": float(np.linalg.norm(shift)), "U_shift_m": 2.3e-5, "tolerance_m": 1e-4}
     test |= {"tilt_rad": None, "U_tilt_rad": None, "tolerance_rad": None}
+    test |= {"false_alarm": 0.01, "detectable_m": 1.3e-4}
     found = measured(shift, None)
     found["inputs"].pop("update")
     found["result"]["moved"] = test
@@ -137,6 +139,10 @@ def test_a_check_says_moved_or_not_moved_first_and_what_to_do(
     good = page_of(make_run(tmp_path / "good", check_of((2e-5, 0.0, 0.0)), few(data), job="laser-check")).text
     assert "The tool has not moved against the frame in effect: its point by 0.02 mm" in good
     assert "cellward start laser-update" not in good
+    assert (
+        "A tool that has not moved is called moved in 1 of 100 checks at most, one that moved by 0.130 mm in "
+        "99 of 100 at least." in good
+    )
 
 
 def test_second_scan_is_held_against_U(subject: Page) -> None:
@@ -260,15 +266,30 @@ def test_bent_tool_is_painted_red_with_its_figures_and_what_to_do(
 def test_second_scan_that_missed_is_no_pass_and_says_what_to_do(
     data: dict[str, Any], tmp_path: Path, no_plotly: None
 ) -> None:
-    why = "second scan: the tool's point is 0.400 mm off the reference"
-    result = measured(SHIFT, TURN) | {"verdict": "fail", "reasons": [why]}
-    missed = {"apart_m": [4e-4, 0.0, 0.0], "apart": 4e-4, "U_m": 3.3e-5, "meets": False}
-    result["inputs"]["update"] = {"second_scan": missed, "committed": False, "why": why}
+    missed = SecondScan(
+        meets=False,
+        scans=1,
+        false_alarm=1.0 / 300.0,
+        apart=4e-4,
+        apart_m=[4e-4, 0.0, 0.0],
+        U_m=3.3e-5,
+        U_point_m=2.3e-5,
+        detectable_m=5.5e-5,
+    )
+    why = why_not(missed, 2e-4)
+    found = read_result(measured(SHIFT, TURN))
+    assert isinstance(found, LaserResult)
+    told = Update(second_scan=missed, committed=False, why=why)
+    result = not_confirmed(found.with_inputs(update=told), why).as_json()
     page = page_of(make_run(tmp_path, result, few(data)))
     assert any(a.get("class") == "verdict fail" for _, a in page.elements)
     assert "was not put into effect: second scan" in page.text
     assert "What to do. Nothing was changed." in page.text
     assert "does not meet the reference: it is 0.400 mm off, the limit is 0.033 mm" in page.text
+    assert (
+        "A right frame is turned down in 1 of 300 updates at most, one that is wrong by 0.055 mm in 99 of "
+        "100 at least." in page.text
+    )
 
 
 def test_refused_result_says_why_and_draws_what_there_is(
