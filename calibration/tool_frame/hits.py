@@ -14,7 +14,7 @@ class HeightBracket:
     """The tool's point meets the beam between ``hit`` and ``miss`` (m, flange along the lift).
 
     ``assumed`` says that no pass went by clear of the tool's point, and the upper end is a guess from the
-    hits' steps; ``blunders`` are the places of passes that were left out.
+    hits' steps; ``blunders`` are the places of passes that do not count for it.
     """
 
     hit: float
@@ -34,8 +34,8 @@ class HeightBracket:
 def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> HeightBracket | None:
     """The bracket from the flange heights (m) of the passes that hit and that missed, by their places.
 
-    Passes that contradict most of the others, a trigger that was lost or came from something else, are left
-    out. None without hits; and without misses where the hits have one height alone.
+    Passes that contradict most of the others, a trigger that was lost or came from something else, do not
+    count. None without hits; and without misses where the hits have one height alone.
     """
     if not hits:
         return None

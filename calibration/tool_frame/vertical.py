@@ -36,7 +36,10 @@ class Vertical:
 
     @property
     def blunders(self) -> dict[int, str]:
-        """Passes that contradict most of the others, by their places, with the reason."""
+        """Passes that contradict most of the others, by their places, with the reason.
+
+        They do not count across the beams. The likelihood of the height has them, as it has every pass, with
+        the chance that a pass is not what it seems."""
         reason = "contradicts the height at which the other passes meet the beam"
         return {k: reason for b in self.brackets.values() for k in b.blunders}
 

@@ -108,7 +108,9 @@ class LaserUncertainty(Part):
     sigma_hysteresis_m: Metres | None = Field(default=None, description="Of the hysteresis.")
     sigma_lag_s: Seconds | None = Field(default=None, description="Of `lag_s`.")
     noise_m: Metres | None = Field(default=None, description="Standard deviation of an edge.")
-    effective_points: float | None = Field(default=None, description="Edges that count in full (1).")
+    effective_points: float | None = Field(
+        default=None, description="Independent Monte Carlo points that the means are worth (1)."
+    )
 
 
 class PassResidual(Part):
@@ -118,7 +120,7 @@ class PassResidual(Part):
     index: int = Field(description="Its number there.")
     beam: str = Field(description="`xs` or `ys`.")
     dir: int = Field(description="1 out, -1 back.")
-    above_m: Metres = Field(description="Height on the tool at which it was crossed, above the point.")
+    above_m: Metres = Field(description="Height of the reference's point over the beam; below it: negative.")
     edges: int = Field(description="Edges that were seen.")
     chord_m: Metres = Field(description="Length in the beam.")
     speed_m_s: MetresPerSecond = Field(description="Of the flange.")
@@ -168,13 +170,16 @@ class LaserObservability(Part):
     own_tilt_rad: dict[str, Radians | None] = Field(description="Tilt as each beam shows it.")
     edges_m: dict[str, Lengths] = Field(description="Edges across each beam.")
     heights_m: dict[str, Height] | None = Field(
-        default=None, description="By set and beam, height of the tip and its standard deviation."
+        default=None,
+        description="By set and beam, flange height of the first contact; its standard deviation.",
     )
     brackets_m: dict[str, Any] | None = Field(
         default=None,
         description="Of earlier versions: heights between which the tip is.",
     )
-    lever_m: dict[str, Metres] = Field(description="By beam, height over which a tilt is seen.")
+    lever_m: dict[str, Metres] = Field(
+        description="By beam, mean height above the point at which the tool was crossed."
+    )
 
 
 class Passes(Part):
@@ -194,7 +199,7 @@ class SecondScan(Part):
     false_alarm: float | None = Field(
         default=None, description="Chance, at most, of turning a right frame down (1)."
     )
-    apart_m: Vector | None = Field(default=None, description="How far off it is, in the flange.")
+    apart_m: Vector | None = Field(default=None, description="How far off it is, in the base.")
     detectable_m: Metres | None = Field(default=None, description="An error found in 99 of 100.")
     U_point_m: Metres | None = Field(default=None, description="95 % of the scan's errors stay below this.")
     reasons: list[str] | None = Field(default=None, description="Why it cannot be solved.")

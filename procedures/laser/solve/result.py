@@ -41,8 +41,8 @@ from procedures.laser.result import (
     RejectedReferencePass,
     SetName,
 )
+from procedures.report.numbers import K95
 
-K95 = 1.96
 SPEED_CODE, BLUNDER_CODE, UNUSED_CODE = "laser.speed", "laser.rejected", "laser.not-used"
 
 _SWITCHING = "hysteresis: with one speed it is part of tau"
@@ -154,7 +154,8 @@ def _selection_warnings(scene: ToolFrameScene, solution: Solution) -> list[tuple
         found.append(
             (
                 BLUNDER_CODE,
-                f"{len(bad)} passes disagree with the others and were left out: {_named(scene, bad)}",
+                f"{len(bad)} passes disagree with the others and do not count across the beams: "
+                f"{_named(scene, bad)}",
             )
         )
     rest = [k for k in solution.selection.reasons if k not in solution.selection.grazing and k not in speed]
