@@ -4,9 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from calibration.odds import FALSE_ALARM
 from cell.errors import error
 from procedures.documents import kind_of, read_result
 from procedures.kind import KINDS, load
+from procedures.words import mm
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,19 @@ class Comparison(Protocol):
     def text(self, first: str, second: str) -> str: ...
 
 
-def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison:
+def compare_results(
+    first: Mapping[str, Any], second: Mapping[str, Any], *, false_alarm: float | None = None
+) -> Comparison:
     """Compare two result documents; ``ARGUMENT_INVALID`` when they do not hold the same kind of answer,
-    or are one and the same."""
+    or are one and the same.
+
+    ``false_alarm`` is how often results that differ by chance alone are called different, ``FALSE_ALARM`` if
+    it is None; ``ARGUMENT_INVALID`` where it is no chance, or the kind is compared without a test.
+    """
+    if false_alarm is not None and not 0.0 < false_alarm < 1.0:
+        raise error(
+            "ARGUMENT_INVALID", f"the false alarm {false_alarm:g} is no chance; give one between 0 and 1"
+        )
     kind, other = kind_of(first), kind_of(second)
     if kind != other:
         raise error(
@@ -52,5 +64,18 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
         raise error("ARGUMENT_INVALID", f"a {kind.name} result without an answer cannot be compared")
     if first == second:
         raise error("ARGUMENT_INVALID", "both runs hold one and the same result; give two runs that differ")
-    found: Comparison = load(kind.compare)(read_result(first), read_result(second))
+    chance = FALSE_ALARM if false_alarm is None else false_alarm
+    found: Comparison = load(kind.compare)(read_result(first), read_result(second), chance)
+    if false_alarm is not None and "false_alarm" not in found.as_dict():
+        raise error(
+            "ARGUMENT_INVALID", f"{kind.name} results are compared without a test; give no false alarm"
+        )
     return found
+
+
+def odds_line(false_alarm: float, change: str, detectable_m: float) -> str:
+    """The odds of a comparison in words; ``detectable_m`` is the size of a ``change`` that is found."""
+    return (
+        f"chance alone goes beyond it in 1 of {1.0 / false_alarm:.4g} comparisons, a {change} of "
+        f"{mm(detectable_m, 4)} in 99 of 100"
+    )

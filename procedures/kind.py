@@ -35,7 +35,8 @@ class Kind:
     ``result`` is the model of its documents with an answer, a subclass of ``cell.formats.result.Envelope``.
     ``words``: ``result -> lines``, of an answer; ``plan``: ``plan -> lines``; ``report``: a ``Layout``;
     ``solve``: ``(path, *, method, progress, **asked) -> result``, for a data set without its run, where
-    ``asked`` are the further options that it takes; ``compare``: ``(first, second) -> Comparison``.
+    ``asked`` are the further options that it takes; ``compare``: ``(first, second, false_alarm) ->
+    Comparison``.
     ``expectation``: ``(setup, config) -> figures`` of what a configured job can reach, with ``text``,
     ``problems`` and ``cautions``; ``truth``: ``(result, truth, folder) -> Judged`` beside a twin's truth;
     ``rehearsal``: ``(setup, config) -> Rehearsal``, what a twin needs for it;

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, chdtri, ndtri
 
+from calibration.odds import FOUND
 from cell.errors import error
 from cell.formats.result import Covariance
 from cell.poses import Array
-from procedures.comparison import Compared
+from procedures.comparison import Compared, odds_line
 from procedures.words import deg, mm, sigma_text
 
-FALSE_ALARM = 1.0 / 300.0  # how often two measurements of the same pose are called different
 AXES = ("x", "y", "z", "about_x", "about_y", "about_z")
-FOUND = 0.99  # how often a shift of the size that is promised is
 
 
 @dataclass(frozen=True)
@@ -29,17 +28,18 @@ class PoseComparison:
     degrees_of_freedom: int
     m2: float  # squared Mahalanobis distance; chi-square with so many degrees of freedom if nothing changed
     p: float
+    false_alarm: float  # how often two measurements of the same pose are called different
     places: tuple[Sequence[float], ...] = ()  # both (3,) m, where the difference of their numbers is ``xi``
 
     @property
     def significant(self) -> bool:
-        return self.p < FALSE_ALARM
+        return self.p < self.false_alarm
 
     @property
     def detectable_m(self) -> float:
         """A shift that is called different with 99 % at least, whichever way it points."""
         worst = float(np.sqrt(np.max(np.linalg.eigvalsh(self.cov[:3, :3]))))
-        limit = float(np.sqrt(chdtri(self.degrees_of_freedom, FALSE_ALARM)))
+        limit = float(np.sqrt(chdtri(self.degrees_of_freedom, self.false_alarm)))
         return worst * (limit + float(ndtri(FOUND)))
 
     def as_dict(self) -> dict[str, Any]:
@@ -51,7 +51,7 @@ class PoseComparison:
             "degrees_of_freedom": self.degrees_of_freedom,
             "p": self.p,
             "significant": self.significant,
-            "false_alarm": FALSE_ALARM,
+            "false_alarm": self.false_alarm,
             "detectable_m": self.detectable_m,
         }
 
@@ -85,10 +85,9 @@ class PoseComparison:
                 f"  x, y, z {axes} mm; about x, y, z {turns} deg (in {frame})",
                 f"  standard uncertainty of the difference {sigma_text(self.cov.tolist())}",
                 f"  squared Mahalanobis distance {self.m2:.1f} with {dof} degrees of freedom "
-                f"(limit {chdtri(dof, FALSE_ALARM):.1f}), p = {self.p:.3g}",
+                f"(limit {chdtri(dof, self.false_alarm):.1f}), p = {self.p:.3g}",
                 f"  {verdict}",
-                f"  (chance alone goes beyond it in 1 of {1.0 / FALSE_ALARM:.0f} comparisons, a shift of "
-                f"{mm(self.detectable_m, 4)} in 99 of 100)",
+                f"  ({odds_line(self.false_alarm, 'shift', self.detectable_m)})",
                 "  (the uncertainties are taken as independent; an error common to both runs does not show)",
             ]
         )
@@ -107,9 +106,11 @@ def weighed(
     xi: Array,
     cov: Array,
     seen: Array,
+    false_alarm: float,
     places: tuple[Sequence[float], ...] = (),
 ) -> PoseComparison:
     """``seen`` (6, k) has the directions that were measured."""
     along = seen.T @ xi
     m2 = float(along @ np.linalg.solve(seen.T @ cov @ seen, along))
-    return PoseComparison(name, frame, xi, cov, seen.shape[1], m2, float(chdtrc(seen.shape[1], m2)), places)
+    p = float(chdtrc(seen.shape[1], m2))
+    return PoseComparison(name, frame, xi, cov, seen.shape[1], m2, p, false_alarm, places)

@@ -7,10 +7,9 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from calibration.lengths import length_beyond
+from calibration.odds import FALSE_ALARM as FALSE_ALARM
+from calibration.odds import FOUND
 from cell.poses import Array
-
-FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that is good may be judged not to be
-FOUND = 0.99  # how often a tool that moved by the size that is promised is found
 
 
 @dataclass(frozen=True, eq=False)

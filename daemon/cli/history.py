@@ -269,7 +269,18 @@ def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = 
 
 
 def compare(
-    first: RunArgument, second: RunArgument, config: ConfigOption = None, as_json: JsonOption = False
+    first: RunArgument,
+    second: RunArgument,
+    false_alarm: Annotated[
+        float | None,
+        typer.Option(
+            help="How often results that differ by chance alone are called different: between 0 and 1. "
+            "By default 1 of 300.",
+            show_default=False,
+        ),
+    ] = None,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """The difference of two results of the same kind, against their uncertainties."""
     from procedures.comparison import compare_results
@@ -277,7 +288,7 @@ def compare(
     folders = [load(config, number) for number in (first, second)]
     results = [result_of(folder) for folder in folders]
     with reading(folders[1].path.parent):
-        found = compare_results(*results)
+        found = compare_results(*results, false_alarm=false_alarm)
         text = found.text(f"run {first}", f"run {second}")
     if as_json:
         out_json({"runs": [first, second], **found.as_dict()})

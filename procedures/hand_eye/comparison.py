@@ -49,7 +49,7 @@ class HandEyeComparison:
         return "\n".join(lines)
 
 
-def compare_hand_eye(first: HandEyeResult, second: HandEyeResult) -> HandEyeComparison:
+def compare_hand_eye(first: HandEyeResult, second: HandEyeResult, false_alarm: float) -> HandEyeComparison:
     """``ARGUMENT_INVALID`` for results without covariance, or of different poses."""
     cov_a, cov_b = require_covariances(first.result.cov, second.result.cov)
     held_a, held_b = first.result.pose(), second.result.pose()
@@ -62,5 +62,6 @@ def compare_hand_eye(first: HandEyeResult, second: HandEyeResult) -> HandEyeComp
     between = a.inv() * b
     # An error exp(e) on the right of T_first is exp(-Ad(between^-1) e) on the right of the difference.
     carried = adjoint(between.inv().as_matrix())
-    pose = weighed(name, "", log_xi(between), carried @ cov_a @ carried.T + cov_b, np.eye(6))
+    cov = carried @ cov_a @ carried.T + cov_b
+    pose = weighed(name, "", log_xi(between), cov, np.eye(6), false_alarm)
     return HandEyeComparison(pose, (first.result, second.result))

@@ -42,6 +42,7 @@ def moved(answer: HandEyeAnswer, before: list[float], version: int) -> MovedCame
         t=float(np.linalg.norm(xi[:3])),
         r=float(np.linalg.norm(xi[3:])),
         beyond_uncertainty=squared > float(chdtri(6, _CHANCE)),
+        false_alarm=_CHANCE,
     )
 
 

@@ -328,6 +328,9 @@ class MovedCamera(Part):
     t: Metres = Field(description="Of the place.")
     r: Radians = Field(description="Of the rotation.")
     beyond_uncertainty: bool = Field(description="Whether it is more than two such results differ by chance.")
+    false_alarm: float | None = Field(
+        default=None, description="Chance to be called so where the camera has not moved (1)."
+    )
 
 
 class HandEyeInputs(Inputs):

@@ -87,10 +87,11 @@ def _moved(since: MovedCamera | None) -> list[str]:
     if since is None:
         return []
     judged = "more than two such results differ by chance: look for a camera, a board or an arm that moved"
-    return [
-        f"  {mm(since.t)}, {deg(since.r)} from version {since.version}, "
-        + (judged if since.beyond_uncertainty else "as two such results may differ by chance")
-    ]
+    told = judged if since.beyond_uncertainty else "as two such results may differ by chance"
+    level = (
+        "" if since.false_alarm is None else f" (chance alone is beyond in 1 of {1 / since.false_alarm:.4g})"
+    )
+    return [f"  {mm(since.t)}, {deg(since.r)} from version {since.version}, {told}{level}"]
 
 
 def _target_scale(scale: TargetScale) -> str:

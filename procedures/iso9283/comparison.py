@@ -49,8 +49,11 @@ class IsoComparison:
         return "\n".join(lines)
 
 
-def compare_iso9283(first: Iso9283Result, second: Iso9283Result) -> IsoComparison:
-    """``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` for other poses, reflector or speed."""
+def compare_iso9283(first: Iso9283Result, second: Iso9283Result, _false_alarm: float) -> IsoComparison:
+    """Side by side and without a test.
+
+    ``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` for other poses, reflector or speed.
+    """
     a, b = first.result, second.result
     if abs(a.payload_kg - b.payload_kg) > _SAME_KG:
         raise error(

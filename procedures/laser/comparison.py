@@ -7,7 +7,7 @@ from procedures.laser.result import LaserResult
 from procedures.pose_comparison import PoseComparison, require_covariances, weighed
 
 
-def compare_laser(first: LaserResult, second: LaserResult) -> PoseComparison:
+def compare_laser(first: LaserResult, second: LaserResult, false_alarm: float) -> PoseComparison:
     """Tilts are small, so that their rotation vectors are subtracted; without both, only the point counts."""
     cov_a, cov_b = require_covariances(first.result.cov, second.result.cov)
     tools = first.inputs.tool, second.inputs.tool
@@ -26,4 +26,4 @@ def compare_laser(first: LaserResult, second: LaserResult) -> PoseComparison:
         # The spin about the tool's axis is in no measurement; it is the direction without any error.
         seen[3:, 3:] = np.linalg.eigh(cov[3:, 3:])[1][:, 1:]
     points = first.result.dp_flange, second.result.dp_flange
-    return weighed("dp_flange", "the flange", xi, cov, seen, points)
+    return weighed("dp_flange", "the flange", xi, cov, seen, false_alarm, points)

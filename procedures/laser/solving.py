@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.lengths import length95
-from calibration.tool_frame.meeting import FALSE_ALARM, tool_point_meets
+from calibration.odds import FALSE_ALARM
+from calibration.tool_frame.meeting import tool_point_meets
 from calibration.tool_frame.places import at_current_places
 from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.solution import solve

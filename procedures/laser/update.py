@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.tool_frame.meeting import FALSE_ALARM
+from calibration.odds import FALSE_ALARM
 from cell.calibrations import tool_calibration
 from cell.errors import CellError, present
 from cell.formats.result import Envelope, Result

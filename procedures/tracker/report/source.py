@@ -5,15 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.identification.joint_errors import extended
-from calibration.identification.model import Model, make_model
+from calibration.identification.model import Model
 from calibration.identification.workspace import places, worst_forecast
-from calibration.kinematics.families import arm_spec
 from cell.errors import CellError
-from cell.formats.robot import parse_robot
 from cell.poses import Array
 from procedures.report.numbers import matrix4
 from procedures.report.source import Source
+from procedures.tracker.calibrated_model import calibrated_model, covariance_of, freedom_of
 from procedures.tracker.result import KincalResult, SampleResidual, Sampling
 from procedures.tracker.solve.data import read_kincal
 
@@ -70,8 +68,7 @@ class KincalSource(Source[KincalResult]):
     @property
     def freedom(self) -> float:
         """Degrees of freedom that the covariance was sized with; infinite where the noise was given."""
-        freedom = None if self.found is None else self.found.uncertainty.degrees_of_freedom
-        return freedom or np.inf
+        return np.inf if self.found is None else freedom_of(self.found)
 
     @property
     def per_sample(self) -> list[SampleResidual]:
@@ -122,15 +119,10 @@ class KincalSource(Source[KincalResult]):
     @cached_property
     def model(self) -> Model | None:
         """The calibrated arm with its targets, its values as ``nominal``; None without an answer."""
-        found = self.found
-        if found is None:
+        if self.found is None:
             return None
-        names = found.uncertainty.names or ()
         try:
-            spec = arm_spec(parse_robot(found.result.robot, "result.robot"))
-            model = make_model(spec, found.inputs.targets)
-            errors = {k: sd for k, sd in model.error_sd.items() if any(n.startswith(k) for n in names)}
-            return extended(model, errors) if errors else model
+            return calibrated_model(self.found)
         except CellError as exc:
             self.missing.append(f"The calibrated arm cannot be drawn: {exc}")
             return None
@@ -164,15 +156,7 @@ class KincalSource(Source[KincalResult]):
 
     def _covariance(self) -> Array | None:
         """(p + 6, p + 6) in the order of :attr:`model`; None when the result has other parameters."""
-        uncertainty = None if self.found is None else self.found.uncertainty
-        if self.model is None or uncertainty is None or uncertainty.cov is None or uncertainty.names is None:
-            return None
-        found, names = uncertainty.cov, uncertainty.names
-        own = list(self.model.names)
-        if sorted(names[:-6]) != sorted(own) or len(found) != len(names):
-            return None
-        order = [*(names.index(name) for name in own), *range(len(own), len(own) + 6)]
-        return np.array(found, dtype=float)[np.ix_(order, order)]
+        return None if self.found is None or self.model is None else covariance_of(self.found, self.model)
 
     def _listed(self) -> Forecast | None:
         predicted = None if self.found is None else self.found.uncertainty.predicted_95

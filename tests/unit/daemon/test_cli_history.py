@@ -186,6 +186,30 @@ def test_compare_finds_a_shift_of_many_sigma_significant_and_one_of_a_tenth_not(
     assert "within what their uncertainties" in subject("compare", 1, 3).out
 
 
+def test_compare_takes_the_odds_of_its_test_and_tells_them(cell: CellOnDisk, subject: CommandLine) -> None:
+    cell.add_run(1, hand_eye_result(), outcome="complete")
+    cell.add_run(2, hand_eye_result(x_mm=0.6), outcome="complete")  # 18 for a chi-square of six: p = 0.006
+    assert "in 1 of 300 comparisons" in subject("compare", 1, 2).out
+    usual, lax = (
+        json.loads(subject("compare", 1, 2, "--json", *more).out) for more in ((), ("--false-alarm", 0.05))
+    )
+    assert (usual["significant"], usual["false_alarm"]) == (False, pytest.approx(1.0 / 300.0))
+    assert (lax["significant"], lax["false_alarm"]) == (True, 0.05)
+    assert lax["detectable_m"] < usual["detectable_m"]
+    assert "in 1 of 20 comparisons" in subject("compare", 1, 2, "--false-alarm", 0.05).out
+
+
+@pytest.mark.parametrize("chance", [0, 1, -0.5, 300, "nan"])
+def test_odds_that_are_no_chance_are_refused_in_a_sentence(
+    cell: CellOnDisk, subject: CommandLine, chance: object
+) -> None:
+    cell.add_run(1, hand_eye_result(), outcome="complete")
+    cell.add_run(2, hand_eye_result(x_mm=1.0), outcome="complete")
+    done = subject("compare", 1, 2, f"--false-alarm={chance}")
+    assert (done.code, done.out) == (2, "")
+    assert f"the false alarm {chance} is no chance; give one between 0 and 1" in done.err
+
+
 def test_compare_refuses_runs_without_an_answer_of_the_same_kind(
     cell: CellOnDisk, subject: CommandLine
 ) -> None:

@@ -49,4 +49,5 @@ def test_a_shift_counts_when_two_such_results_hardly_differ_by_it(shift_m: float
     assert found is not None
     assert (found.version, found.t, found.r) == (3, pytest.approx(shift_m), 0.0)
     assert found.beyond_uncertainty is beyond
+    assert found.false_alarm == 1e-3
     assert moved(answer.changed(cov=None), [0.0] * 6, 3) is None

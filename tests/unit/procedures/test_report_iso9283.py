@@ -159,3 +159,6 @@ def test_tests_of_another_payload_or_speed_are_not_compared(
     moved["result"]["poses"][0]["commanded"][2] += 0.02
     with pytest.raises(CellError, match=r"pose P1 of the tests is 20\.000 mm apart"):
         compare_results(result, moved)
+    better = {**result, "reasons": ["solved again"]}
+    with pytest.raises(CellError, match="are compared without a test; give no false alarm"):
+        compare_results(result, better, false_alarm=0.05)

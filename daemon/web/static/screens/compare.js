@@ -18,7 +18,7 @@ export function Compare({ rest: [first, second] }) {
       ${judged !== null && html`<p class="big">${t(judged ? "compare.differ" : "compare.same")}</p>`}
       <${Grid} columns=${columns} rows=${rows.map(row)} empty=${t("compare.none")} />
       ${rows.some((one) => one.name.startsWith("about_")) && html`<p class="dim">${t("compare.frame", { frame: figures.frame || t("compare.frame_of", { first }) })}</p>`}
-      ${figures.detectable_m !== undefined && html`<p class="dim">${t("compare.found", { length: mm(figures.detectable_m, 3) })}</p>`}
+      ${figures.detectable_m !== undefined && html`<p class="dim">${t("compare.found", { times: Math.round(1 / figures.false_alarm), length: mm(figures.detectable_m, 3) })}</p>`}
       <p class="dim">${t("compare.independent")}</p>
       <details><summary>${t("result.words")}</summary><pre class="words">${words}</pre></details>
     </${Card}>
