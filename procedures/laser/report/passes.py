@@ -67,16 +67,6 @@ def pairs(found: ShownPasses, beam: str, current: bool) -> list[tuple[int, int]]
     return rows
 
 
-def bracket(found: ShownPasses, beam: str, current: bool) -> tuple[float | None, float | None]:
-    """The highest way that met the beam and the lowest above it that did not, m of the reference's point."""
-    own = found.of(beam, current)
-    hits = [float(found.heights[k]) for k in own if k in found.chosen.hits]
-    misses = [float(found.heights[k]) for k in own if k in found.chosen.missed]
-    top = max(hits, default=None)
-    above = [h for h in misses if top is None or h > top]
-    return top, min(above, default=None)
-
-
 @dataclass(frozen=True)
 class EdgeEstimate:
     """What a solution says of each beam: where the tool's edges are, and how the passes see them.

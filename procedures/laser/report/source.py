@@ -13,6 +13,7 @@ from calibration.tool_frame.scene import Line, ReferenceTool, Refused, ToolFrame
 from cell.errors import CellError
 from cell.formats.laser import LaserData
 from cell.poses import Array
+from procedures.laser.report.near_end import NearEnd, near_end
 from procedures.laser.report.passes import EdgeEstimate, ShownPasses, estimate, shown
 from procedures.laser.result import LaserResult, ReferenceResult, RejectedPass, RejectedReferencePass
 from procedures.laser.solve.data import load_laser, scene_of
@@ -82,6 +83,15 @@ class LaserSource(Source[LaserResult | ReferenceResult]):
         except Refused as exc:
             self.missing.append(f"The passes of the data set cannot be drawn: {exc.refusal.words}.")
             return None
+
+    @cached_property
+    def near_end(self) -> NearEnd | None:
+        """The ways near the tool's end; None where passes do not make a measurement, or none is near it."""
+        if self.scene is None or self.shown is None:
+            return None
+        rejected = () if self.measured is None else self.rejected
+        tau = None if self.found is None else self.found.result.tau
+        return near_end(self.scene, tau or 0.0, rejected, self.measured)
 
     @cached_property
     def estimate(self) -> EdgeEstimate | None:

@@ -15,7 +15,7 @@ from cell.formats.laser import parse_laser
 from procedures.documents import read_result
 from procedures.laser.judging import not_confirmed, why_not
 from procedures.laser.moved_words import moved_reasons
-from procedures.laser.report.passes import bracket, pairs, shown
+from procedures.laser.report.passes import pairs, shown
 from procedures.laser.report.source import LaserSource
 from procedures.laser.report.tool import crossing, exaggeration, tool_figure
 from procedures.laser.result import LaserResult, MovedTest, SecondScan, Update
@@ -233,17 +233,6 @@ def test_out_and_back_agree_once_the_delay_is_taken_off(data: dict[str, Any]) ->
         apart[tau] = np.mean([np.sign(a.v[0]) * (a.middle - b.middle).mean() for a, b in middles])
     assert apart[0.0] == pytest.approx(2 * 0.02 * LATENCY_S, abs=3e-5)
     assert apart[LATENCY_S] == pytest.approx(0.0, abs=3e-5)
-
-
-def test_bracket_holds_the_height_of_the_point(data: dict[str, Any]) -> None:
-    found = shown(scene(data), LATENCY_S)
-    for beam in BEAMS:
-        for current, height in ((False, 0.0), (True, SHIFT[2])):
-            hit, miss = bracket(found, beam, current)
-            assert hit is not None
-            assert miss is not None
-            assert hit <= height <= miss
-            assert miss - hit < 0.00025
 
 
 def test_a_tilt_that_was_not_measured_is_said(data: dict[str, Any], tmp_path: Path, no_plotly: None) -> None:
