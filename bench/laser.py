@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from calibration.tool_frame.classic import solve_classic
+from calibration.tool_frame.expected_height import SearchPlan, expected_height
 from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.prediction import predict
 from calibration.tool_frame.scene import ToolFrameScene
@@ -152,7 +153,9 @@ def print_prediction() -> None:
         ("8 passes, polls at random", 0.02, 0.005, 8, (0.006,), False),
         ("8 passes, polls staggered", 0.02, 0.005, 8, (0.006,), True),
     ):
-        p = predict(speed, poll, pairs, 2e-5, depths, staggered=staggered)
+        search = SearchPlan(0.05, speed, poll, 8, 5e-3, 2e-5 / float(np.sqrt(12.0)), 0.006)
+        z_variance = expected_height(search, 0.0).variance
+        p = predict(speed, poll, pairs, z_variance, depths, staggered=staggered)
         tilt = f"{1e3 * float(np.sqrt(np.trace(p.cov[3:, 3:]))):5.2f}" if p.tilted else "    -"
         print(
             f"{title:40s}{1e6 * p.sigma_xy_m:7.1f} {1e6 * float(np.sqrt(p.cov[2, 2])):6.1f} {tilt}"

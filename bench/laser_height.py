@@ -2,7 +2,8 @@
 
 ``python -m bench.laser_height [COUNT] [CELL]... [--first SEED] [--keep FILE]`` runs whole jobs on virtual
 time, 15 to 20 s of processor time each: a reference, a bump, an update, a check of the tool as it then is,
-and a check after one more bump by the size that is promised to be found. A cell is the tool's end, the arm's
+and a check after one more bump by the size that the first check says is found, which is no larger than what
+``cellward check`` promises. A cell is the tool's end, the arm's
 standard deviation of one axis in um, and ``late`` when one poll of ten comes up to 40 ms late: ``round-14``,
 ``flat-30-late``; those that are late have no checks. The world is the scenario ``laser`` as it is shipped,
 with gears, sag, and links that the arm's kinematics do not know, and a tool that leans; ``flat-30-ideal`` has

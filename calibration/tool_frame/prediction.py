@@ -24,7 +24,6 @@ K95 = 1.96
 TYPICAL_RADIUS_M = 0.003
 _DRAWS, _POINTS = 10, 512
 _EDGES = (-1.0, 1.0)
-_CHANCE = 4.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +32,11 @@ class ExpectedComparison:
 
     ``cov`` (5, 5) is of the tool's point in x, y, z (m; along the two beams' normals and the axis) and of the
     tilt about the two beams (rad; zero with one height). ``slide_m`` is how far the tool moves from poll to
-    poll; ``z_resolution_m`` what the search in height ends at.
+    poll.
     """
 
     cov: Array
     slide_m: float
-    z_resolution_m: float
     tilted: bool
 
     @property
@@ -69,22 +67,21 @@ def predict(
     speed_m_s: float,
     poll_period_s: float,
     pairs: int,
-    z_resolution_m: float,
+    z_variance: float,
     depths_m: tuple[float, ...] = (0.006,),
     noise_m: float = 0.0,
     staggered: bool = True,
     reference_pairs: int | None = None,
-    height_pairs: float = 5.0,
     first_edge: float = 0.5,
 ) -> ExpectedComparison:
     """Uncertainty of the tool's displacement from ``pairs`` ways there and back at each of ``depths_m``
     below the point, across each beam.
 
-    ``noise_m`` is what single ways scatter by in their middle, across and along the tool (the arm's
-    repeatability); ``first_edge`` at which share of a way the tool meets the beam.
-    ``reference_pairs`` when the reference had another number, ``height_pairs`` how many ways there and back
-    are near the tool's end. ``staggered``: the polls of the passes are shifted against each other by
-    equal parts of the period.
+    ``z_variance`` (m^2) is that of the height, by ``calibration.tool_frame.expected_height``.
+    ``noise_m`` is what single ways scatter by in their middle (the arm's repeatability); ``first_edge`` at
+    which share of a way the tool meets the beam.
+    ``reference_pairs`` when the reference had another number. ``staggered``: the polls of the passes are
+    shifted against each other by equal parts of the period.
     """
     rng = np.random.default_rng(4711)
     slide = speed_m_s * poll_period_s
@@ -115,9 +112,9 @@ def predict(
     cov = np.zeros((5, 5))
     place = [0, 1, 3, 4] if tilted else [0, 1]
     cov[np.ix_(place, place)] = mean
-    cov[2, 2] = height_variance(z_resolution_m, noise_m, height_pairs)
+    cov[2, 2] = z_variance
     cov.flags.writeable = False
-    return ExpectedComparison(cov, slide, z_resolution_m, tilted)
+    return ExpectedComparison(cov, slide, tilted)
 
 
 def _told(model: LateralModel, size: int, tilted: bool) -> Array:
@@ -128,23 +125,6 @@ def _told(model: LateralModel, size: int, tilted: bool) -> Array:
     if tilted:
         rows += [one[at(f"tilt {b}")] - one[at(f"own tilt {b}")] for b in BEAMS]
     return np.stack(rows)
-
-
-def near_pairs(pairs: int, step: float, sigma: float) -> float:
-    """How many of ``pairs`` ways there and back of a search in height are near the end of a flat tool, where
-    a hit or a miss is chance: before, each way halves ``step`` (m) down to some ``sigma`` (m)."""
-    halvings = float(np.log2(max(step / (_CHANCE * sigma), 1.0)))
-    return max(pairs - 0.5 * halvings, 1.0)
-
-
-def height_variance(resolution: float, sigma: float, pairs: float) -> float:
-    """Of a comparison of heights (m^2): two beams, then and now, each from ``pairs`` ways there and back near
-    the tool's end, and to ``resolution`` (m). ``sigma`` (m) is what a single way scatters by along the tool.
-
-    A hit or a miss tells 2/pi of what a measured height would (Fisher's information of a probit at its
-    middle). The way back has a height of its own, so the arm came to rest anew before it.
-    """
-    return resolution**2 / 12.0 + 0.5 * np.pi * 0.5 * sigma**2 / max(pairs, 1.0)
 
 
 def _rows(

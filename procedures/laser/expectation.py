@@ -5,7 +5,8 @@ from math import degrees, sqrt
 from typing import Any
 
 from calibration.tool_frame.budget import END, HELPS, POLLS, REPEATABILITY, budget, dominating
-from calibration.tool_frame.prediction import ExpectedComparison, near_pairs, predict
+from calibration.tool_frame.expected_height import ExpectedHeight, SearchPlan, expected_height
+from calibration.tool_frame.prediction import ExpectedComparison, predict
 from calibration.tool_frame.repeatability import UNDER_WAY, stated_sigma
 from cell.errors import CellError
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
@@ -37,21 +38,8 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         text = f"no prediction of the uncertainty: {device} has no poll_period_s"
         return {"text": f"{text}; {REACHED}", "problems": []}
     sigma = UNDER_WAY * stated_sigma(setup.values.robot.get("model"))
-    near = near_pairs(job.most_height_pairs, job.descend_step_m, sigma)
-    expected, perfect = (
-        predict(
-            job.measure_speed_m_s,
-            period,
-            job.passes,
-            job.z_resolution_m,
-            job.heights,
-            noise_m=noise,
-            height_pairs=near,
-            first_edge=_first_edge(setup, job),
-        )
-        for noise in (sigma, 0.0)
-    )
-    parts = budget(expected, perfect, sigma, near)
+    with_noise, perfect = (_predicted(setup, job, period, noise) for noise in (sigma, 0.0))
+    expected, parts = with_noise[0], budget(*with_noise, *perfect)
     check = setup.job(LaserCheckConfig) or LaserCheckConfig()
     update = setup.job(LaserUpdateConfig) or LaserUpdateConfig()
     gates = expected_gates(expected, check, update)
@@ -60,7 +48,7 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         "text": "; ".join((_words(expected, job, period, sigma), _term_words(parts), *gates.words, REACHED)),
         **gates.figures,
         "slide_m": expected.slide_m,
-        "z_resolution_m": expected.z_resolution_m,
+        "z_resolution_m": job.z_resolution_m,
         "U_xy_m": expected.U_xy_m,
         "U_z_m": expected.U_z_m,
         "U_point_m": expected.U_point_m,
@@ -72,6 +60,33 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         "problems": [],
         "cautions": [*_beyond(limits), *gates.cautions],
     }
+
+
+def _predicted(
+    setup: Setup, job: LaserReferenceConfig, period: float, noise: float
+) -> tuple[ExpectedComparison, ExpectedHeight]:
+    """For polls each ``period`` (s), and an arm whose ways scatter by ``noise`` (m)."""
+    search = SearchPlan(
+        job.search_speed_m_s,
+        job.measure_speed_m_s,
+        period,
+        job.most_height_pairs,
+        job.descend_step_m,
+        job.z_resolution_m / sqrt(12.0),
+        2.0 * _pin_radius(setup, job),
+        job.edges > 2,
+    )
+    height = expected_height(search, noise)
+    across = predict(
+        job.measure_speed_m_s,
+        period,
+        job.passes,
+        height.variance,
+        job.heights,
+        noise_m=noise,
+        first_edge=_first_edge(setup, job),
+    )
+    return across, height
 
 
 def _first_edge(setup: Setup, job: LaserReferenceConfig) -> float:
@@ -87,7 +102,11 @@ def _pin_radius(setup: Setup, job: LaserReferenceConfig) -> float:
 def _term_words(parts: dict[str, float]) -> str:
     """Which term is the largest, its share of the variance, and what helps."""
     term = dominating(parts)
-    name = {POLLS: "the polls", REPEATABILITY: "the arm's repeatability", END: "the shape of the tool's end"}
+    name = {
+        POLLS: "the polls",
+        REPEATABILITY: "the arm's repeatability",
+        END: "the tool's end, whose shape polls so far apart do not tell",
+    }
     share = 100.0 * parts[term] / sum(parts.values())
     return f"{share:.0f} % of the variance of the tool's point comes from {name[term]}: {HELPS[term]}"
 
@@ -100,9 +119,9 @@ def _words(expected: ExpectedComparison, job: LaserReferenceConfig, period: floa
         f"at {v:g} mm/s the tool slides {1e3 * expected.slide_m:.3f} mm between two polls of "
         f"{1e3 * period:g} ms, and each millisecond of delay moves an edge by {1e-3 * v:.3f} mm (out and "
         f"back cancel it); with {job.passes} passes there and back, heights to "
-        f"{1e3 * expected.z_resolution_m:g} mm and an arm whose ways scatter by {1e3 * sigma:.3f} mm, 95 % "
+        f"{1e3 * job.z_resolution_m:g} mm and an arm whose ways scatter by {1e3 * sigma:.3f} mm, 95 % "
         f"of the errors stay below {1e3 * expected.U_xy_m:.3f} mm across the beams and "
-        f"{1e3 * expected.U_z_m:.3f} mm in height{turned}"
+        f"{1e3 * expected.U_z_m:.3f} mm in height, by a flat end{turned}"
     )
 
 

@@ -12,6 +12,9 @@ from procedures.laser.moved import FLOOR_M, against_effect, by_chance, tolerance
 from procedures.laser.odds_words import check_odds, odds, second_odds
 from procedures.words import mm
 
+# Of the standard deviation that is expected here: in 14 made fixtures with an arm as in its data sheet a run
+# stated 1.2 times as much in the mean and 1.5 times at most. What is promised holds for such a run, too.
+STATED = 1.5
 SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 
@@ -52,9 +55,9 @@ class ExpectedGates:
     def words(self) -> tuple[str, str]:
         check, second = self.check, self.second
         return (
-            f"laser-check calls a tool moved beyond {mm(check.limit_m)}, also after a laser-update: "
+            f"the tolerance of laser-check is {mm(check.limit_m)} at most, also after a laser-update: "
             + check_odds(check.false_alarm, check.detectable_m),
-            f"the second scan of laser-update turns a new frame down beyond {mm(second.limit_m)}: "
+            f"the limit of laser-update's second scan is {mm(second.limit_m)} at most: "
             + second_odds(second.false_alarm, second.detectable_m),
         )
 
@@ -63,9 +66,9 @@ class ExpectedGates:
         """A tolerance that the measurement is too uncertain for."""
         if self.configured_m is not None and self.configured_m < self.by_chance_m:
             yield (
-                f"[job.laser-check] tolerance_m is {1e3 * self.configured_m:g} mm, and the tolerance is "
-                f"{mm(self.by_chance_m)}: a tool that has not moved is measured that far off in "
-                f"{odds(self.check.false_alarm)} checks; {SLOWER}"
+                f"[job.laser-check] tolerance_m is {1e3 * self.configured_m:g} mm, and the tolerance may "
+                f"be up to {mm(self.by_chance_m)}: a tool that has not moved is measured that far off in "
+                f"{odds(self.check.false_alarm)} checks at most; {SLOWER}"
             )
 
 
@@ -75,9 +78,10 @@ def expected_gates(
     """From the covariance of one measurement against another.
 
     After an update the frame in effect is as uncertain as the check; the limit and size of that time hold
-    before it, too. The second scan is held against the first one, which is as good.
+    before it, too. The second scan is held against the first one, which is as good. All are what a run
+    states at most: it learns the arm's noise from its own passes, and has more unknowns than the prediction.
     """
-    point = expected.cov[:3, :3]
+    point = STATED**2 * expected.cov[:3, :3]
     later = against_effect(point, same_frame=False)
     limit = tolerance(later, FLOOR_M, check.false_alarm, check.tolerance_m)
     turned_down = length_beyond(point, update.false_alarm)

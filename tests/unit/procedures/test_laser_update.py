@@ -10,6 +10,7 @@ import pytest
 from cell.calibrations import laser_reference, tool_calibration
 from cell.errors import error
 from cell.poses import from_pose6
+from daemon.predictions import predictions
 from fakes.object import VirtualClock, run_virtual
 from tests.kit.laser_cell import (
     TOOL,
@@ -49,7 +50,8 @@ def bent(cell: ObjectCell) -> None:
 def test_a_moved_tool_is_found_and_a_bent_one_measured_tried_and_written_within_its_uncertainty(
     tmp_path: Path,
 ) -> None:
-    """One reference for the checks of a good tool and of a bumped one, and for the update of a bent one."""
+    """One reference for the checks of a good tool and of a bumped one, and for the update of a bent one; what
+    ``cellward check`` promised to find is no smaller than what the runs say."""
     config = laser_config(tmp_path, reference=FINE, update=AUTO, quick=False)
 
     async def main() -> None:
@@ -83,6 +85,13 @@ def test_a_moved_tool_is_found_and_a_bent_one_measured_tried_and_written_within_
             assert result["inputs"]["update"]["committed"]
             assert {"beams.latency_s.beams", f"tool.offset_x_m.{TOOL}"} <= set(result["inputs"]["trend"])
             assert cell.at_rest()
+            after = await cell.run_job(job="laser-check")
+            assert (after["outcome"], after["verdict"]) == ("complete", "pass"), cell.result(5)["reasons"]
+            (promised,) = (one for one in predictions(config) if one["job"] == "laser-reference")
+            found = [cell.result(run_id)["result"]["moved"]["detectable_m"] for run_id in (2, 5)]
+            assert found[0] < found[1] <= promised["detectable_m"] < 2.0 * found[1]
+            size = promised["second_scan"]["detectable_m"]
+            assert second["detectable_m"] <= size < 2.0 * second["detectable_m"]
             assert replayed(cell, 1) == []
             the_plain_rule_misses(cell.folder(4).path, result["result"], row["value"], 2.0 * BEND[0][0])
             now = await cell.engine.decisions.rollback(tool_calibration(TOOL), WHO)
