@@ -23,6 +23,7 @@ _BANDS_M = (0.0, 1.5e-5, 3e-5, 5e-5, 8e-5, 1.2e-4)
 _RIMS_M = (1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4, 8e-4)
 _RIM_BANDS_M = (0.0, 3e-5, 6e-5, 1.2e-4)
 _ROUND = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 25)
+_LEVEL_M = 1e-12  # what rounding makes of one height
 _FINE_BANDS_M = (0.0, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5, 8e-5, 1e-4, 1.2e-4)
 
 
@@ -150,5 +151,7 @@ class ToolInBeam:
         ``side`` the end is."""
         up, along = rim @ self.lift, rim @ self.side
         order = np.argsort(up)
-        along = along[order]
-        return up[order] - np.min(up), np.minimum.accumulate(along), np.maximum.accumulate(along)
+        up, along = up[order] - np.min(up), along[order]
+        # Of places as high as each other all count at once: their order is chance.
+        last = np.append(np.diff(up) > _LEVEL_M, True)
+        return up[last], np.minimum.accumulate(along)[last], np.maximum.accumulate(along)[last]
