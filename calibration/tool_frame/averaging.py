@@ -43,6 +43,16 @@ def average(rows: Rows, model: LateralModel, weight: Array | None = None, sigma:
     return AveragingFit(theta[:d], theta[d:], cov, sigma, rest)
 
 
+def of_ways(fit: AveragingFit, rows: Rows, model: LateralModel, correlation: Array) -> Array:
+    """(d + m, d + m) covariance of ``fit``, which took each edge by itself, for edges whose noise has this
+    ``correlation`` (n, n): that of any least squares whose weights are not those of the data (White 1982)."""
+    A, even = design(rows), rows.width**2 / 12.0 + rows.soft**2 + 1e-16
+    gain = fit.cov @ (A / (even + fit.sigma**2)[:, None]).T
+    before = fit.cov * precision_before(model, len(rows.labels))
+    found: Array = gain @ (np.diag(even) + fit.sigma**2 * correlation) @ gain.T + before @ fit.cov
+    return 0.5 * (found + found.T)
+
+
 def precision_before(model: LateralModel, edges: int) -> Array:
     """(d + m,) what is known of the unknowns and of the places of ``edges`` (m) before anything is seen."""
     found: Array = np.concatenate([np.minimum(model.prior_sd, 3.0 * model.trust), np.full(edges, 10.0)]) ** -2

@@ -21,7 +21,7 @@ from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
 from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.selection import Selection, marked_near_end, select
-from calibration.tool_frame.standstills import as_they_are, in_a_row
+from calibration.tool_frame.standstills import in_a_row
 from cell.poses import Array
 
 _ROUNDS = 3
@@ -172,10 +172,9 @@ class _Finding:
         if not final:
             return np.concatenate([fit.psi, fit.e]), fit.cov, noise, ROUGH_SPREAD
         usual = of_a_way(self.scene.repeatability_m)
-        found = posterior(rows, model, fit, noise, self.points, usual_noise=usual)
         neighbours = in_a_row({k: c.source for k, c in crossings.items()})
-        cov, scatter = as_they_are(rows, model, found.cov, found.noise, neighbours)
-        return found.mean, cov, scatter.sigma, scatter.spread
+        found = posterior(rows, model, fit, noise, self.points, usual_noise=usual, neighbours=neighbours)
+        return found.mean, found.cov, found.noise.sigma, found.noise.spread
 
 
 def _from_the_first(places: CrossingPlaces, used: set[int], beam: str, first: int) -> tuple[int, int]:

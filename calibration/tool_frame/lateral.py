@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.tool_frame.averaging import AveragingFit, average, excess, robust
+from calibration.tool_frame.averaging import AveragingFit, average, excess, of_ways, robust
 from calibration.tool_frame.bounds import At, LateralModel, Rows, rows_of
 from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
@@ -13,7 +13,7 @@ from calibration.tool_frame.model_choice import choose_model, groups_of
 from calibration.tool_frame.posterior import Noise, posterior
 from calibration.tool_frame.repeatability import of_a_way
 from calibration.tool_frame.selection import Selection
-from calibration.tool_frame.standstills import as_they_are, in_a_row
+from calibration.tool_frame.standstills import in_a_row, of_edges
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
 
@@ -148,19 +148,17 @@ def solve_lateral(
         at = _at(model, fit.psi, along_w)
     rows = rows_of(crossings, groups, model, at, height)
     usual = of_a_way(vertical.scene.repeatability_m)
-    found = None
-    if method != AVERAGING:
-        found = posterior(rows, model, fit, noise, points, usual_noise=usual)
-    if found is None:
-        mean, cov, effective = np.concatenate([fit.psi, fit.e]), fit.cov, None
-        scatter = Noise(noise, ROUGH_SPREAD, np.inf)
+    neighbours = in_a_row({k: c.source for k, c in crossings.items()})
+    if method == AVERAGING:
+        correlation = of_edges(rows.source, neighbours)
+        mean, cov, effective = np.concatenate([fit.psi, fit.e]), of_ways(fit, rows, model, correlation), None
+        scatter = Noise(noise, ROUGH_SPREAD)
     else:
+        found = posterior(rows, model, fit, noise, points, usual_noise=usual, neighbours=neighbours)
         mean, cov, scatter, effective = found.mean.copy(), found.cov, found.noise, found.effective
         at = _at(model, mean[: len(model.names)], along_w)
     delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
     mean = np.array(mean)
     mean[delays] += tau
-    neighbours = in_a_row({k: c.source for k, c in crossings.items()})
-    cov, scatter = as_they_are(rows, model, cov, scatter, neighbours)
     lateral = Lateral(model, rows, mean, cov, scatter.sigma, scatter.spread, effective, fit, at, height, tau)
     return lateral, at, warnings

@@ -17,7 +17,6 @@ from calibration.tool_frame.averaging import average
 from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.posterior import posterior
-from calibration.tool_frame.standstills import one_by_one, together, widened
 from cell.poses import Array
 
 K95 = 1.96
@@ -104,10 +103,10 @@ def predict(
             staggered,
         )
         fit = average(rows, model, None, noise)
-        found = posterior(rows, model, fit, noise, _POINTS, max(noise, 0.01 * slide))
-        cov = widened(rows, model, found.cov, noise, noise, together(rows, neighbours), one_by_one(rows))
-        told = _told(model, len(cov), tilted)
-        covs.append(told @ cov @ told.T)
+        known = max(noise, 0.01 * slide)
+        found = posterior(rows, model, fit, noise, _POINTS, known, neighbours=neighbours)
+        told = _told(model, len(found.cov), tilted)
+        covs.append(told @ found.cov @ told.T)
     mean = np.mean(covs, axis=0)
     cov = np.zeros((5, 5))
     place = [0, 1, 3, 4] if tilted else [0, 1]

@@ -4,19 +4,11 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from calibration.tool_frame.averaging import average, excess
+from calibration.tool_frame.averaging import average, excess, of_ways
 from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.scene import Pass
-from calibration.tool_frame.standstills import (
-    as_they_are,
-    fewer,
-    in_a_row,
-    one_by_one,
-    together,
-    unseen,
-    widened,
-)
+from calibration.tool_frame.standstills import alternating, in_a_row, of_edges, of_standstills
 
 SLIDE, SPEED = 1e-4, 0.02
 MODEL = LateralModel(("xs", "ys"))
@@ -52,52 +44,67 @@ def made(seed: int, pairs: int, rest_m: float) -> tuple[Rows, Neighbours, np.nda
     return Rows(*ends, LABELS), neighbours, truth
 
 
-def squared_errors(rest_m: float, pairs: int, seeds: range) -> tuple[np.ndarray, np.ndarray]:
-    """In units of the covariance, with ways taken one by one and with those of such ways; 3 is right."""
-    alone, subject = [], []
-    for seed in seeds:
-        rows, neighbours, truth = made(seed, pairs, rest_m)
-        fit = average(rows, MODEL)
-        found = posterior(rows, MODEL, fit, excess(rows, fit.rest, np.ones(len(rows.low))), 768)
-        cov, _ = as_they_are(rows, MODEL, found.cov, found.noise, neighbours)
-        e = found.mean[:3] - truth
-        alone.append(e @ np.linalg.solve(found.cov[:3, :3], e))
-        subject.append(e @ np.linalg.solve(cov[:3, :3], e))
-    return np.array(alone), np.array(subject)
+def squared(error: np.ndarray, cov: np.ndarray) -> float:
+    """Of the unknowns without the edges, in units of their covariance; 3 is right."""
+    return float(error[:3] @ np.linalg.solve(cov[:3, :3], error[:3]))
 
 
 def test_the_covariance_is_that_of_ways_that_share_their_standstills() -> None:
-    alone, subject = squared_errors(6e-5, 6, range(30))
+    alone, subject, plain, of_plain = [], [], [], []
+    for seed in range(30):
+        rows, neighbours, truth = made(seed, 6, 6e-5)
+        fit = average(rows, MODEL)
+        noise = excess(rows, fit.rest, np.ones(len(rows.low)))
+        fit = average(rows, MODEL, None, noise)
+        by_ways = posterior(rows, MODEL, fit, noise, 768)
+        found = posterior(rows, MODEL, fit, noise, 768, neighbours=neighbours)
+        alone.append(squared(by_ways.mean[:3] - truth, by_ways.cov))
+        subject.append(squared(found.mean[:3] - truth, found.cov))
+        plain.append(squared(fit.psi - truth, fit.cov))
+        of_plain.append(
+            squared(fit.psi - truth, of_ways(fit, rows, MODEL, of_edges(rows.source, neighbours)))
+        )
     assert np.mean(alone) > 5.0
     assert 1.8 < np.mean(subject) < 4.2
-    assert np.mean(subject < chdtri(3, 0.05)) >= 0.85
+    assert np.mean(np.array(subject) < chdtri(3, 0.05)) >= 0.85
+    assert np.mean(plain) > 5.0
+    assert 1.8 < np.mean(of_plain) < 4.5
 
 
 def test_an_arm_that_repeats_perfectly_leaves_the_covariance_as_it_was() -> None:
     rows, neighbours, _ = made(3, 4, 0.0)
     fit = average(rows, MODEL)
-    found = posterior(rows, MODEL, fit, 0.0, 768, known_noise=2e-7)
-    subject = widened(rows, MODEL, found.cov, 2e-7, 2e-7, together(rows, neighbours), one_by_one(rows))
-    assert np.sqrt(np.diag(subject)[:3]) == pytest.approx(np.sqrt(np.diag(found.cov)[:3]), rel=0.02)
-
-
-def test_ways_that_are_off_each_by_itself_leave_it_as_it_was() -> None:
-    rows, _, _ = made(4, 4, 4e-5)
-    fit = average(rows, MODEL)
-    found = posterior(rows, MODEL, fit, 3e-5, 768)
-    sigma, known = found.noise.sigma, one_by_one(rows)
-    subject = widened(rows, MODEL, found.cov, sigma, sigma, known, known)
-    assert np.sqrt(np.diag(subject)) == pytest.approx(np.sqrt(np.diag(found.cov)), rel=1e-3)
+    alone, subject = (
+        posterior(rows, MODEL, fit, 0.0, 4096, known_noise=2e-7, neighbours=known)
+        for known in ((), neighbours)
+    )
+    assert np.sqrt(np.diag(subject.cov)[:3]) == pytest.approx(np.sqrt(np.diag(alone.cov)[:3]), rel=0.05)
+    nothing = np.eye(len(rows.low))
+    assert of_ways(fit, rows, MODEL, nothing) == pytest.approx(fit.cov, rel=1e-6, abs=1e-18)
 
 
 def test_edges_of_a_way_are_nearly_one_and_those_of_the_next_way_half() -> None:
     rows, _, _ = made(0, 1, 0.0)
-    subject = together(rows, [(0, 1)], 0.8)
+    subject = of_edges(rows.source, [(0, 1)])
     assert subject[:4, :4] == pytest.approx(
-        np.array([[1, 0.8, 0.4, 0.4], [0.8, 1, 0.4, 0.4], [0.4, 0.4, 1, 0.8], [0.4, 0.4, 0.8, 1]])
+        np.array([[1, 0.9, 0.45, 0.45], [0.9, 1, 0.45, 0.45], [0.45, 0.45, 1, 0.9], [0.45, 0.45, 0.9, 1]])
     )
     assert not subject[:4, 4:].any()
-    assert fewer(subject[:4, :4]) == pytest.approx(1.0 + 0.8**2 + 2 * 0.4**2)
+
+
+def test_every_way_is_off_by_its_own_standstills_alike_on_the_whole() -> None:
+    half = float(np.sqrt(0.5))
+    subject = of_standstills([3, 5, 8, 9], [(3, 5), (5, 9), (9, 11)])
+    assert subject.T.tolist() == [
+        pytest.approx([half, 0.0, 0.0, 0.0]),
+        pytest.approx([half, half, 0.0, 0.0]),
+        pytest.approx([0.0, half, 0.0, half]),
+        pytest.approx([0.0, 0.0, 0.0, half]),
+        pytest.approx([0.0, 0.0, 1.0, 0.0]),
+    ]
+    for own in alternating(subject):
+        assert np.max(np.sum(subject[:, own] > 0.0, axis=1)) <= 1
+    assert sorted(k for own in alternating(subject) for k in own) == [0, 1, 2, 3, 4]
 
 
 def test_ways_are_in_a_row_where_one_begins_at_the_end_of_the_other() -> None:
@@ -114,9 +121,3 @@ def test_ways_are_in_a_row_where_one_begins_at_the_end_of_the_other() -> None:
         1: way(0.0, 0.01, 8.0, height=0.001, current=False),
     }
     assert in_a_row(ways) == [(7, 3), (4, 9)]
-
-
-def test_noise_that_neighbours_have_in_common_is_missing_in_what_is_seen() -> None:
-    rows, neighbours, _ = made(0, 3, 0.0)
-    assert unseen(rows, np.eye(len(rows.low))) == pytest.approx(1.0)
-    assert 1.05 < unseen(rows, together(rows, neighbours)) < 1.3
