@@ -20,7 +20,7 @@ from cell.run_values import RunValues
 from cell.samples import Sample
 from daemon.worker import InlineWorker
 from procedures.laser import scan as job_scan
-from procedures.laser.config import BEAMS, Search
+from procedures.laser.config import BEAMS, LaserUpdateConfig, Search
 from procedures.laser.pairs import HEIGHT
 from procedures.laser.path import BeamStation, Course
 from procedures.laser.record import PassRecord
@@ -41,6 +41,7 @@ QUICKEST_S, LONGER_S, PERIOD_SD_S = 8e-4, 3.3e-4, 4e-4
 # Of daemon/demo/bay.toml.
 SHORT = {"measure_speed_m_s": 0.025, "passes": 3, "lead_m": 0.003, "z_resolution_m": 5e-5}
 HEIGHT_M, SLOPE = 2.5e-3, 1e-3
+MAX_U_M = LaserUpdateConfig().max_U_m
 ROUND, FLAT = Part(0.003, round=True, offset=(0.0, 0.0, -0.003)), Part(0.003)
 
 
@@ -289,12 +290,20 @@ def search(max_poll_gap_s: float | None = None, short: bool = False) -> Search:
     return Search.model_validate(plan)
 
 
-def take(world: World, folder: Path, plan: Search, places: int, stated_m: float, tool: Array) -> Record:
+def take(
+    world: World,
+    folder: Path,
+    plan: Search,
+    places: int,
+    stated_m: float,
+    tool: Array,
+    max_U_m: float = MAX_U_M,
+) -> Record:
     """All passes of one scan; ``tool`` (3,) m is the point that is believed, ``stated_m`` the arm's data
-    sheet."""
+    sheet, ``max_U_m`` how far off 95 % of the points may be."""
     record, lease = Record(folder), _Lease(world)
     course = Course(tuple(_stations(plan, places, tool)), tool, DOWN)
-    found: Any = _Scan(_Run(), plan, course, record, SPEED, 0.0, None, stated_m, 1)  # type: ignore[arg-type]
+    found: Any = _Scan(_Run(), plan, course, record, SPEED, 0.0, None, stated_m, 1, max_U_m)  # type: ignore[arg-type]
     with (
         patch.object(job_scan, "Sweeper", lambda *_: _Sweeper(world, lease)),
         patch.object(job_scan, "leave_fixture", _nothing),

@@ -79,7 +79,7 @@ def glimpse(
     elif pulse is not None:
         (a1, b1), (a2, b2) = pulse, pulse
     else:
-        return _missed(height, pair, places, centre, sigma, sense)
+        return _missed(height, pair, places, centre, sigma, soft, sense)
     a1, b1, a2, b2 = a1 - soft, b1 + soft, a2 - soft, b2 + soft
     lengths = np.linspace(max(a2 - b1, 0.0), b2 - a1, _POINTS)
     # The middle lies where both ends of the break are in their intervals.
@@ -97,7 +97,9 @@ def plain_hit(height: float, pair: int) -> Glimpse:
     return Glimpse(height, pair, True, np.array([0.0, 1e-9]), np.array([0.0, 1.0]), 1.0)
 
 
-def _missed(height: float, pair: int, places: Array, centre: float, sigma: float, sense: float) -> Glimpse:
+def _missed(
+    height: float, pair: int, places: Array, centre: float, sigma: float, soft: float, sense: float
+) -> Glimpse:
     near = np.flatnonzero(np.abs(places - centre) < _FAR * sigma)
     if len(near):
         first, last = max(int(near[0]) - 1, 0), min(int(near[-1]) + 2, len(places))
@@ -108,9 +110,9 @@ def _missed(height: float, pair: int, places: Array, centre: float, sigma: float
     ends: Sequence[Array] = (np.array([-np.inf]), places[first:last], np.array([np.inf]))
     edges = np.concatenate(ends)
     gaps = np.diff(edges)
-    widest = float(np.max(gaps[np.isfinite(gaps)], initial=0.0))
+    widest = float(np.max(gaps[np.isfinite(gaps)], initial=0.0)) + 2.0 * soft
     lengths = np.linspace(0.0, widest, _POINTS)
-    half = 0.5 * lengths[:, None]
+    half = 0.5 * lengths[:, None] - soft
     inside = ndtr((edges[1:] - half - centre) / sigma) - ndtr((edges[:-1] + half - centre) / sigma)
-    chance: Array = np.sum(np.maximum(inside, 0.0), axis=1)
+    chance: Array = np.minimum(np.sum(np.maximum(inside, 0.0), axis=1), 1.0)
     return Glimpse(height, pair, False, lengths, chance, 0.0, sense)

@@ -26,6 +26,7 @@ from calibration.tool_frame.tip import POINT, UPRIGHT, TipShape, ToolInBeam
 from cell.poses import Array
 
 POLLS_OF_A_BREAK = 4.0  # at least, at the speed that is chosen
+SLOWER = (1.0, 0.5, 0.25)  # of the slow speed, where even that is too fast for so many polls
 _CANDIDATES = 33
 _CLASSES = 20  # of lengths that are told apart
 _CELLS = 80  # of the likely heights
@@ -63,7 +64,7 @@ class HeightSearch:
 
     The tool's end is met between ``hit`` and ``clear`` (m). ``chord`` (m) is how long the tool breaks the
     beam well above its end, ``fingers`` that several of its parts break it. ``fast`` and ``slow`` (m/s) are
-    the speeds there are, ``period_s`` the time between two polls.
+    the usual speeds, ``period_s`` the time between two polls.
     """
 
     hit: float
@@ -172,11 +173,13 @@ class _Seeking:
         return Next(float(heights[best]), float(speeds[best]), longest)
 
     def _speeds(self, heights: Array, scatter: float) -> Array:
-        """(k,) m/s at ``heights`` (k,): fast where the break that is expected lasts long enough."""
+        """(k,) m/s at ``heights`` (k,): the fastest at which the break that is expected lasts long enough."""
         depth = np.maximum(self.mean - heights, max(self.sigma, scatter))
         usual = np.min(self.view.lengths(self._ends, depth), axis=0)
-        fast = self.search.fast
-        return np.where(usual >= POLLS_OF_A_BREAK * fast * self.search.period_s, fast, self.search.slow)
+        found = np.full(len(heights), SLOWER[-1] * self.search.slow)
+        for speed in sorted((self.search.fast, *(share * self.search.slow for share in SLOWER))):
+            found[usual >= POLLS_OF_A_BREAK * speed * self.search.period_s] = speed
+        return found
 
     def _table(self, depths: Array, speed: float, scatter: float) -> Array:
         """(ends, classes, n) how likely each class of lengths is to be seen at ``depths`` (n,) m."""

@@ -74,7 +74,8 @@ def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Me
     reference = reference_of(run.values)
     p_ref = [float(v) for v in reference["tool"]["p_ref"]]
     search = Search.from_reference(reference, config.floor_m)
-    return Measurement(run, search, 1, p_ref, float(reference["time_offset_s"]), config.retract_pose)
+    offset_s = float(reference["time_offset_s"])
+    return Measurement(run, search, 1, p_ref, offset_s, config.retract_pose, config.max_U_m)
 
 
 async def measure(

@@ -91,7 +91,8 @@ class SearchSection(Strict):
         gt=0,
         le=0.05,
         description="the search in height ends when the height is known as well as from an interval so long, "
-        "or after as many ways there and back as halving descend_step_m down to it takes",
+        "and as well as max_U_m asks for; or after as many ways there and back as it would take to halve "
+        "descend_step_m down to this",
     )
     edges: int = Field(default=2, ge=2, le=16, description="changes of a beam on one way; 4 with two fingers")
     lead_m: float = Field(

@@ -38,6 +38,7 @@ class Measurement:
     p_ref: list[float] | None
     offset_s: float
     retract_pose: str | None
+    max_U_m: float
 
     def check_fixture(self) -> None:
         """``LASER_OTHER_FIXTURE`` when the geometry was made with other inputs than there are."""
@@ -75,7 +76,18 @@ class Measurement:
         _, _, speed = lease_settings(values)
         late = self.offset_s - float(values.time_offset_s["beams"]["applied"])
         sigma_m = stated_sigma(values.robot.get("model"))
-        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose, sigma_m, scans)
+        return Scan(
+            self.run,
+            self.search,
+            way,
+            record,
+            speed,
+            late,
+            self.retract_pose,
+            sigma_m,
+            scans,
+            self.max_U_m,
+        )
 
     async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
         """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from math import gcd
 
 from scipy.spatial.transform import RigidTransform
 
@@ -18,6 +19,7 @@ from procedures.laser.sweep import Beam, BeamPass, Sweeper
 Pair = tuple[BeamPass, BeamPass]
 BackAt = Callable[[BeamPass], Awaitable[float]]
 Judge = Callable[[BeamPass, BeamPass], PassFault | None]
+SEARCH = "search"
 LOCATE = "locate"
 HEIGHT = "bisect"
 
@@ -96,7 +98,8 @@ class Pairs:
             back = await self.sweeper.cross(beam, -1, end, speed, after_poll_s[1])
             fault = judge(out, back)
             why_not = fault or one_sided(out, back)
-            if fault is None and phase == HEIGHT:  # what shows on one way alone tells the height all the same
+            # What shows on one way alone tells the height all the same.
+            if fault is None and phase in (SEARCH, HEIGHT):
                 why_not = None
             text = why_not.text if why_not else "only finds where to measure" if phase == LOCATE else None
             if text is not None:
@@ -119,7 +122,10 @@ def even_shares(count: int, first: float = 0.0) -> list[tuple[float, float]]:
     """For ``count`` pairs, by which share of the polls' period the two ways begin after a poll.
 
     Polls that fall differently in each way narrow the intervals of the edges together. The shares are spread
-    evenly from ``first`` on, those of the ways back between those of the ways out.
+    evenly from ``first`` on. Those of ways that follow each other are far apart: what the arm is off by at
+    the standstill that they have in common must not count twice where the intervals are cut most.
     """
-    shares = [(first + k / (2 * count)) % 1.0 for k in range(2 * count)]
+    ways = 2 * count
+    step = max((k for k in range(1, ways) if gcd(k, ways) == 1), key=lambda k: min(k, ways - k))
+    shares = [(first + k * step % ways / ways) % 1.0 for k in range(ways)]
     return list(zip(shares[::2], shares[1::2], strict=True))

@@ -94,7 +94,7 @@ class LaserReference(Procedure):
     def _measurement(self, run: Run) -> Measurement:
         search = Search.from_config(self.config, run.values.poses, run.inputs("beams").name)
         offset_s = float(run.values.time_offset_s["beams"]["effective"])
-        return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose)
+        return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose, self.config.max_U_m)
 
 
 def with_passes_of(recorded: Mapping[str, Any], found: Envelope) -> Envelope:

@@ -1,7 +1,8 @@
 """One scan of both beams: search down, find the height, measure slowly, at one or two places and heights.
 
-The search goes out and back across the beam, a step down when nothing triggered, a trigger
-on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
+The search goes out and back across the beam, a step down when nothing triggered; a trigger on one way
+alone does not end it, and tells the height as all others do. The arm rests between the ways; what they
+showed is on disk before the next.
 """
 
 from contextlib import suppress
@@ -16,7 +17,17 @@ from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided, stuck_dark
-from procedures.laser.pairs import HEIGHT, LOCATE, BackAt, Judge, Pair, Pairs, beam_of, even_shares
+from procedures.laser.pairs import (
+    HEIGHT,
+    LOCATE,
+    SEARCH,
+    BackAt,
+    Judge,
+    Pair,
+    Pairs,
+    beam_of,
+    even_shares,
+)
 from procedures.laser.path import BeamStation, Course, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
 from procedures.laser.scan_progress import ScanProgress
@@ -70,6 +81,7 @@ class Scan:
         retract_pose: str | None,
         sigma_m: float,
         scans: int,
+        max_U_m: float,
     ) -> None:
         self.run, self.search, self.course, self.record = run, search, course, record
         self.inputs: DigitalInputs = run.inputs("beams")
@@ -77,6 +89,7 @@ class Scan:
         self._speed, self._offset_s, self._retract_pose = speed, offset_s, retract_pose
         self._sigma_m = sigma_m  # of one axis of the arm, by its data sheet
         self._beams = {name: beam_of(search, name, self.inputs.names) for name in BEAMS}
+        self._max_U_m = max_U_m  # 95 % of the point, as the job wants it
         self._scans = scans  # that the run makes, this one included, when all goes well
         self._lease: MotionLease
         self._pairs: Pairs
@@ -161,10 +174,9 @@ class Scan:
         lost = 0
         while True:
             out, back = await self._search_pair(
-                "search", 0.0, self._station.distance_m, self.search.search_speed_m_s
+                SEARCH, 0.0, self._station.distance_m, self.search.search_speed_m_s
             )
-            if one_sided(out, back) is None:
-                self._tried += [(self._depth, out), (self._depth, back)]
+            self._tried += [(self._depth, out), (self._depth, back)]
             if out.triggered and back.triggered:
                 found = Hit(self._depth - step, self._depth)
                 if clear is not None:
@@ -198,7 +210,9 @@ class Scan:
     async def _find_height(self, hit: Hit, located: Pair) -> BeamContact:
         """Cross near the tool's end where most is to be learned of its height, until it is known."""
         search, run = self.search, self.run
-        seek = SoughtHeight(run.worker, search, self._sigma_m, -hit.hit, -hit.clear, located, self._station)
+        seek = SoughtHeight(
+            run.worker, search, self._sigma_m, self._max_U_m, -hit.hit, -hit.clear, located, self._station
+        )
         for depth, way in self._tried:
             seek.add(depth, way)
         now = await seek.look()

@@ -10,6 +10,7 @@ from procedures.laser.config import Search
 from procedures.laser.path import BeamStation
 from procedures.laser.sweep import BeamPass
 
+LENGTH95_OF_ALIKE = 2.8  # standard deviations of each of three axes that are known alike
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
 
@@ -17,7 +18,7 @@ class SoughtHeight:
     """What the ways at one station say of the height (m, minus the depth) of the first contact.
 
     It is between ``hit`` and ``clear``; ``located`` is a way out and back well below, ``sigma_m`` one axis of
-    the arm by its data sheet. ``worker`` computes.
+    the arm by its data sheet, ``max_U_m`` how far off 95 % of the points may be. ``worker`` computes.
     """
 
     def __init__(
@@ -25,6 +26,7 @@ class SoughtHeight:
         worker: Worker,
         search: Search,
         sigma_m: float,
+        max_U_m: float,
         hit: float,
         clear: float,
         located: tuple[BeamPass, BeamPass],
@@ -38,7 +40,9 @@ class SoughtHeight:
         self._span = float(np.mean([e[-1] - e[0] for e in edges]))
         chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
         self._lead = search.lead_m
-        self._enough = search.z_resolution_m / float(np.sqrt(12.0))
+        # Of two beams and two sets of passes the mean is as good as one height.
+        share = max_U_m / LENGTH95_OF_ALIKE
+        self._enough = min(search.z_resolution_m / float(np.sqrt(12.0)), share)
         self._new: list[Glimpse] = []
         self._ways = 0
         self._belief: Belief | None = None

@@ -37,7 +37,7 @@ class DelayedBeams:
         reference = reference_of(run.values)
         self.search = Search.from_reference(reference, config.floor_m)
         p_ref = [float(v) for v in reference["tool"]["p_ref"]]
-        self.measurement = Measurement(run, self.search, 1, p_ref, 0.0, None)
+        self.measurement = Measurement(run, self.search, 1, p_ref, 0.0, None, np.inf)
         self.measurement.check_fixture()
         self.record = PassRecord(run.folder)
         self.scan = self.measurement.scan(self.record)

@@ -77,6 +77,14 @@ def test_a_way_whose_polls_left_out_the_crossing_tells_nothing_by_missing() -> N
     assert seeing.at(short)[1:] == pytest.approx(LOST)
 
 
+def test_polls_whose_times_may_be_off_say_less_by_missing() -> None:
+    places, clear, half = np.arange(-0.01, 0.01, 1e-4), np.zeros(200, dtype=bool), np.array([5e-5])
+    sharp, soft = (glimpse(0.0, 1, places, clear, 0.0, 2e-4, off) for off in (0.0, 2.5e-5))
+    assert sharp.at(half)[0] == pytest.approx(0.5, abs=0.01)
+    assert soft.at(half)[0] == pytest.approx(1.0, abs=0.01)
+    assert soft.at(np.array([1.6e-4]))[0] == pytest.approx(LOST)
+
+
 def test_a_hit_leaves_the_lengths_that_its_polls_enclose() -> None:
     places = np.arange(-0.01, 0.01, 1e-4)
     dark = np.abs(places) < 5.5e-4  # eleven polls
@@ -175,6 +183,16 @@ def test_near_the_end_of_a_round_tool_the_search_goes_slowly() -> None:
     rng = np.random.default_rng(9)
     found, _ = searched(rng, ROUND_END, SIGMA, most=6)
     assert found.next.speed == SLOW
+
+
+@pytest.mark.parametrize(("period_s", "slowest"), [(0.01, 0.5 * SLOW), (0.02, 0.25 * SLOW)])
+def test_where_polls_are_slow_the_search_goes_more_slowly_still(period_s: float, slowest: float) -> None:
+    """A ball's break of 0.49 mm, 10 um below its first contact, is to last four polls."""
+    search = HeightSearch(0.0, 5e-3, CHORD_M, False, scatter_of(1.4e-5), FAST, SLOW, period_s)
+    rng = np.random.default_rng(3)
+    near = (1.5e-3, 1.9e-3, 2.01e-3, 1.95e-3, 1.98e-3, 1.99e-3, 2.005e-3)
+    seen = [crossed(rng, ROUND_END, 2e-3 - h, h, k, 0.1 * SLOW) for k, h in enumerate(near)]
+    assert sought(search, seen).next.speed == slowest
 
 
 def test_a_search_goes_on_from_what_it_believed() -> None:

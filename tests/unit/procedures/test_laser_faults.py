@@ -136,14 +136,15 @@ def deaf_on_return(cell: ObjectCell) -> None:
     cell.at_state("sweep", inputs.clear, times=1000)
 
 
-def test_a_trigger_on_the_way_out_alone_is_thrown_away_until_it_was_too_often(tmp_path: Path) -> None:
+def test_a_trigger_on_the_way_out_alone_ends_no_search_until_it_was_too_often(tmp_path: Path) -> None:
     error, ways = run_with(
         tmp_path, deaf_on_return, reference={"descend_step_m": 0.004, "max_descents": 9, "retries": 2}
     )
     assert error["name"] == "LASER_RETURN_LOST"
     assert "switched on the way out and not on the way back" in error["text"]
-    thrown = [w for w in ways if not w["used"]]
-    assert len({w["z"] for w in thrown if w["dir"] == 1}) == 3, "each time a step lower"
+    alone = [w for w in ways if w["dir"] == 1 and any(w["poll_v"])]
+    assert len({w["z"] for w in alone}) == 3, "each time a step lower"
+    assert all(w["used"] for w in alone), "it tells the height all the same"
 
 
 def test_gaps_between_polls_end_the_job_when_they_go_on(tmp_path: Path) -> None:
