@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.hand_eye.neighbours import NeighbourEstimates
+from calibration.odds import FALSE_ALARM
 from cell.errors import InputError
 from procedures.hand_eye.comparison import compare_hand_eye
 from procedures.hand_eye.config import Acceptance
@@ -88,7 +89,7 @@ def test_estimates_that_lie_metres_apart_give_no_spread_and_no_pose_but_the_reas
 
 
 def test_a_comparison_shows_the_spreads_of_both(found: HandEyeResult) -> None:
-    subject = compare_hand_eye(found, found)
+    subject = compare_hand_eye(found, found, FALSE_ALARM)
     text = subject.text("run 1", "run 2")
     assert "run 1: spread within placements" in text
     assert "run 2: unweighted, from neighbours" in text
