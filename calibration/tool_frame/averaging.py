@@ -13,6 +13,7 @@ from cell.poses import Array
 
 _TUKEY = 4.685
 _ROUNDS = 6
+_NONE = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +46,15 @@ def average(rows: Rows, model: LateralModel, weight: Array | None = None, sigma:
 
 def of_ways(fit: AveragingFit, rows: Rows, model: LateralModel, correlation: Array) -> Array:
     """(d + m, d + m) covariance of ``fit``, which took each edge by itself, for edges whose noise has this
-    ``correlation`` (n, n): that of any least squares whose weights are not those of the data (White 1982)."""
+    ``correlation`` (n, n): that of any least squares whose weights are not those of the data (White 1982).
+    What edges are off by together looks like a place of the tool: the noise seen in them is too small."""
     A, even = design(rows), rows.width**2 / 12.0 + rows.soft**2 + 1e-16
     gain = fit.cov @ (A / (even + fit.sigma**2)[:, None]).T
     before = fit.cov * precision_before(model, len(rows.labels))
-    found: Array = gain @ (np.diag(even) + fit.sigma**2 * correlation) @ gain.T + before @ fit.cov
+    U, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
+    rest = np.eye(len(A)) - U[:, size > _NONE] @ U[:, size > _NONE].T
+    noise = fit.sigma**2 * np.sum(rest**2) / max(np.sum(rest * correlation), _NONE)
+    found: Array = gain @ (np.diag(even) + noise * correlation) @ gain.T + before @ fit.cov
     return 0.5 * (found + found.T)
 
 

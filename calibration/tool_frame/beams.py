@@ -172,7 +172,7 @@ class _Finding:
         if not final:
             return np.concatenate([fit.psi, fit.e]), fit.cov, noise, ROUGH_SPREAD
         usual = of_a_way(self.scene.repeatability_m)
-        neighbours = in_a_row({k: c.source for k, c in crossings.items()})
+        neighbours = in_a_row(dict(enumerate(self.scene.passes)))
         found = posterior(rows, model, fit, noise, self.points, usual_noise=usual, neighbours=neighbours)
         return found.mean, found.cov, found.noise.sigma, found.noise.spread
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
 from calibration.tool_frame.height import Density, first_contact, weights
-from calibration.tool_frame.height_search import HeightSearch, Next, sought
+from calibration.tool_frame.height_search import HeightSearch, Next, sought, upright
 from calibration.tool_frame.repeatability import UNDER_WAY, PassScatter, scatter_of
-from calibration.tool_frame.tip import ENDS, POINT, TipShape, ToolInBeam
+from calibration.tool_frame.tip import ENDS, POINT, TipShape
 
 _SEARCHES = 8
 _FINEST_M = 1e-8  # of an arm that repeats perfectly
@@ -61,7 +61,7 @@ def expected_height(plan: SearchPlan, noise_m: float) -> ExpectedHeight:
     scatter = scatter_of(noise / UNDER_WAY, noise, _SEEN)
     searches = [_searched(rng, plan, noise) for _ in range(_SEARCHES)]
     truths = [truth for _, truth in searches]
-    view = _upright(plan.chord)
+    view = upright(plan.chord)
     unknown, known = (
         _variance(
             [first_contact(s, view, ends, scatter, 0.0, plan.step) for s, _ in searches],
@@ -124,9 +124,3 @@ def _variance(
         mean = together * np.sum(apart / var, axis=0)
         found.append(float(np.sum(w * (together + (mean - np.sum(w * mean)) ** 2))))
     return float(np.median(found))
-
-
-@lru_cache(maxsize=8)
-def _upright(chord: float) -> ToolInBeam:
-    x, y, z = np.eye(3)
-    return ToolInBeam(-z, x, z, y, 0.5 * chord, chord)

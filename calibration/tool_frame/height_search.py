@@ -96,7 +96,7 @@ def sought(search: HeightSearch, glimpses: Sequence[Glimpse], before: Belief | N
 class _Seeking:
     def __init__(self, search: HeightSearch, glimpses: Sequence[Glimpse], before: Belief | None) -> None:
         self.search, self.chord = search, search.chord
-        self.view = _upright(self.chord)
+        self.view = upright(self.chord)
         self._ends: Sequence[TipShape] = POINT if search.fingers else UPRIGHT
         self._scatter = search.scatter.coarser
         self.belief = self._narrowed(self._with(glimpses, before or self._nothing()))
@@ -176,8 +176,9 @@ class _Seeking:
         """(k,) m/s at ``heights`` (k,): the fastest at which the break that is expected lasts long enough."""
         depth = np.maximum(self.mean - heights, max(self.sigma, scatter))
         usual = np.min(self.view.lengths(self._ends, depth), axis=0)
-        found = np.full(len(heights), SLOWER[-1] * self.search.slow)
-        for speed in sorted((self.search.fast, *(share * self.search.slow for share in SLOWER))):
+        speeds = sorted((self.search.fast, *(share * self.search.slow for share in SLOWER)))
+        found = np.full(len(heights), speeds[0])
+        for speed in speeds[1:]:
             found[usual >= POLLS_OF_A_BREAK * speed * self.search.period_s] = speed
         return found
 
@@ -202,7 +203,7 @@ class _Seeking:
 
 
 @lru_cache(8)
-def _upright(chord: float) -> ToolInBeam:
+def upright(chord: float) -> ToolInBeam:
     """An upright tool of this chord (m): the profiles of its ends are worked out once for all looks."""
     up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     side = np.cross(up, along)

@@ -148,7 +148,7 @@ def solve_lateral(
         at = _at(model, fit.psi, along_w)
     rows = rows_of(crossings, groups, model, at, height)
     usual = of_a_way(vertical.scene.repeatability_m)
-    neighbours = in_a_row({k: c.source for k, c in crossings.items()})
+    neighbours = in_a_row(dict(enumerate(vertical.scene.passes)))
     if method == AVERAGING:
         correlation = of_edges(rows.source, neighbours)
         mean, cov, effective = np.concatenate([fit.psi, fit.e]), of_ways(fit, rows, model, correlation), None

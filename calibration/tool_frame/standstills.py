@@ -20,9 +20,10 @@ _SAME_PLACE_M = 2e-4
 
 
 def in_a_row(passes: Mapping[int, Pass]) -> list[tuple[int, int]]:
-    """Those of ``passes`` (by their places in the scene) with a standstill and nothing else between them."""
+    """Those of ``passes`` (by their places in the scene) with a standstill and nothing else between them.
+    Stamps of the reference and of the current set need not be of one clock."""
     found = []
-    for a, b in pairwise(sorted(passes, key=lambda k: float(passes[k].pose_t[0]))):
+    for a, b in pairwise(sorted(passes, key=lambda k: (passes[k].current, float(passes[k].pose_t[0])))):
         gap = passes[b].pose_xyz[0] - passes[a].pose_xyz[-1]
         if passes[a].current == passes[b].current and float(np.linalg.norm(gap)) < _SAME_PLACE_M:
             found.append((a, b))

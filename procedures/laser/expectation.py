@@ -14,6 +14,7 @@ from procedures.laser.expected_gates import SLOWER, expected_gates
 from procedures.laser.measurement import SPEEDS
 from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
+from procedures.laser.sought_height import height_goal
 from procedures.setup import Setup
 
 REACHED = "every move keeps the limits"
@@ -72,7 +73,7 @@ def _predicted(
         period,
         job.most_height_pairs,
         job.descend_step_m,
-        job.z_resolution_m / sqrt(12.0),
+        height_goal(job.z_resolution_m, job.max_U_m),
         2.0 * _pin_radius(setup, job),
         job.edges > 2,
     )

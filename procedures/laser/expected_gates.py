@@ -55,9 +55,9 @@ class ExpectedGates:
     def words(self) -> tuple[str, str]:
         check, second = self.check, self.second
         return (
-            f"the tolerance of laser-check is {mm(check.limit_m)} at most, also after a laser-update: "
-            + check_odds(check.false_alarm, check.detectable_m),
-            f"the limit of laser-update's second scan is {mm(second.limit_m)} at most: "
+            f"the tolerance of laser-check is usually {mm(check.limit_m)} at most, also after a "
+            "laser-update: " + check_odds(check.false_alarm, check.detectable_m),
+            f"the limit of laser-update's second scan is usually {mm(second.limit_m)} at most: "
             + second_odds(second.false_alarm, second.detectable_m),
         )
 

@@ -122,8 +122,9 @@ def even_shares(count: int, first: float = 0.0) -> list[tuple[float, float]]:
     """For ``count`` pairs, by which share of the polls' period the two ways begin after a poll.
 
     Polls that fall differently in each way narrow the intervals of the edges together. The shares are spread
-    evenly from ``first`` on. Those of ways that follow each other are far apart: what the arm is off by at
-    the standstill that they have in common must not count twice where the intervals are cut most.
+    evenly from ``first`` on, those of the ways back between those of the ways out. From four pairs on those
+    of ways that follow each other are far apart: what the arm is off by at the standstill that they have in
+    common must not count twice where the intervals are cut most.
     """
     ways = 2 * count
     step = max((k for k in range(1, ways) if gcd(k, ways) == 1), key=lambda k: min(k, ways - k))

@@ -10,7 +10,7 @@ from procedures.laser.config import Search
 from procedures.laser.path import BeamStation
 from procedures.laser.sweep import BeamPass
 
-LENGTH95_OF_ALIKE = 2.8  # standard deviations of each of three axes that are known alike
+_LENGTH95_OF_ALIKE = 2.8  # standard deviations of each of three axes that are known alike
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
 
@@ -40,9 +40,7 @@ class SoughtHeight:
         self._span = float(np.mean([e[-1] - e[0] for e in edges]))
         chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
         self._lead = search.lead_m
-        # Of two beams and two sets of passes the mean is as good as one height.
-        share = max_U_m / LENGTH95_OF_ALIKE
-        self._enough = min(search.z_resolution_m / float(np.sqrt(12.0)), share)
+        self._enough = height_goal(search.z_resolution_m, max_U_m)
         self._new: list[Glimpse] = []
         self._ways = 0
         self._belief: Belief | None = None
@@ -97,6 +95,12 @@ class SoughtHeight:
             pulse = (float(ends[0]), float(ends[1]))
         sigma = _CENTRE_M + (0.5 * self._span if self._fingers else 0.0)
         return [glimpse(-depth, pair, places, dark, way.direction * self._centre, sigma, soft, pulse)]
+
+
+def height_goal(z_resolution_m: float, max_U_m: float) -> float:
+    """The standard deviation (m) at which a search for the height ends. Of two beams and two sets of passes
+    the answer is as good as one height."""
+    return min(z_resolution_m / float(np.sqrt(12.0)), max_U_m / _LENGTH95_OF_ALIKE)
 
 
 def period_of(way: BeamPass) -> float:

@@ -79,8 +79,15 @@ def test_an_arm_that_repeats_perfectly_leaves_the_covariance_as_it_was() -> None
         for known in ((), neighbours)
     )
     assert np.sqrt(np.diag(subject.cov)[:3]) == pytest.approx(np.sqrt(np.diag(alone.cov)[:3]), rel=0.05)
-    nothing = np.eye(len(rows.low))
-    assert of_ways(fit, rows, MODEL, nothing) == pytest.approx(fit.cov, rel=1e-6, abs=1e-18)
+
+
+def test_edges_that_are_off_each_by_itself_leave_the_covariance_of_averaging_as_it_was() -> None:
+    rows, neighbours, _ = made(3, 4, 0.0)
+    fit = average(rows, MODEL, None, 3e-5)
+    alone = of_ways(fit, rows, MODEL, np.eye(len(rows.low)))
+    assert alone == pytest.approx(fit.cov, rel=1e-6, abs=1e-18)
+    together = of_ways(fit, rows, MODEL, of_edges(rows.source, neighbours))
+    assert np.all(np.diag(together)[1:3] > np.diag(alone)[1:3]), "where the tool is across the beams"
 
 
 def test_edges_of_a_way_are_nearly_one_and_those_of_the_next_way_half() -> None:
@@ -121,3 +128,15 @@ def test_ways_are_in_a_row_where_one_begins_at_the_end_of_the_other() -> None:
         1: way(0.0, 0.01, 8.0, height=0.001, current=False),
     }
     assert in_a_row(ways) == [(7, 3), (4, 9)]
+
+
+def test_ways_of_both_sets_may_have_been_taken_at_the_same_times_of_two_clocks() -> None:
+    ways = {}
+    for k in range(4):
+        for current in (False, True):
+            begin, end = (0.0, 0.01) if k % 2 == 0 else (0.01, 0.0)
+            xyz = np.array([[begin, 0.0, 0.0], [end, 0.0, 0.0]])
+            t = np.array([k, k + 0.5]) + 0.3 * current
+            none = np.zeros(0)
+            ways[2 * k + current] = Pass(0, current, "xs", 1, t, xyz, none, none.astype(bool))
+    assert in_a_row(ways) == [(0, 2), (2, 4), (4, 6), (1, 3), (3, 5), (5, 7)]
