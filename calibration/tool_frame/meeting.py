@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from calibration.lengths import length_beyond
-from calibration.odds import FALSE_ALARM as FALSE_ALARM
-from calibration.odds import FOUND
+from calibration.odds import FALSE_ALARM, FOUND
 from cell.poses import Array
 
 

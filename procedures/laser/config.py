@@ -6,8 +6,8 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from calibration.odds import FALSE_ALARM
 from calibration.tool_frame.geometry import MIN_CROSSING_RAD
-from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.errors import error
 from cell.formats.bounds import Direction
 from cell.formats.reading import Strict

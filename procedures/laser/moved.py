@@ -12,7 +12,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from calibration.lengths import length95, length_beyond
-from calibration.tool_frame.meeting import FALSE_ALARM, detectable
+from calibration.odds import FALSE_ALARM
+from calibration.tool_frame.meeting import detectable
 from cell.errors import error
 from cell.poses import Array
 from procedures.laser.result import Apart, MovedTest

@@ -36,7 +36,3 @@ def test_the_term_that_is_named_is_the_one_that_makes_the_prediction_better(
     assert set(parts) == {POLLS, REPEATABILITY, END} == set(HELPS)
     assert all(part >= 0.0 for part in parts.values())
     assert sum(parts.values()) == pytest.approx(float(np.trace(expected[0].cov[:3, :3])), rel=1e-6)
-
-
-def test_an_arm_that_repeats_perfectly_leaves_nothing_to_more_passes() -> None:
-    assert budget(*predicted(0.0), *predicted(0.0))[REPEATABILITY] == 0.0

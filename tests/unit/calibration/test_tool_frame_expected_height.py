@@ -43,9 +43,9 @@ def test_polls_that_are_far_apart_cost_what_a_known_shape_would_spare() -> None:
     assert far.known_end < 2.0 * near.known_end
 
 
-def test_fingers_have_no_shape_to_be_known() -> None:
-    found = expected_height(plan(0.005, fingers=True), SIGMA_M)
-    assert found.variance == found.known_end > 0.0
+def test_of_fingers_hits_alone_tell_and_slower_polls_tell_less() -> None:
+    near, far = (expected_height(plan(period, fingers=True), SIGMA_M) for period in (0.005, 0.02))
+    assert 0.0 < near.variance < far.variance
 
 
 def test_few_passes_and_an_arm_that_scatters_are_told_worse() -> None:
