@@ -53,9 +53,10 @@ class Walks:
         self.soft2 = rows.soft[:, None] ** 2
         sources, self.way = np.unique(rows.source, return_inverse=True)
         self.of_way = (np.arange(len(sources))[:, None] == self.way).astype(float)
-        self.by_way = np.argsort(self.way, kind="stable")
-        self.begin_of_way = np.searchsorted(self.way[self.by_way], np.arange(len(sources)))
+        self.edges_of_way, _ = _padded(self.of_way)
         self.of_stand = of_standstills(sources.tolist(), neighbours)
+        self.edges_of_stand, share = _padded(self.of_stand[self.way].T)
+        self.A_of_stand = share[:, :, None] * self.A[self.edges_of_stand]
         self.colours = [_Colour.of(self.of_stand, own) for own in alternating(self.of_stand)]
         self.stands = np.zeros((self.of_stand.shape[1], count))
         self.share = np.full(count, int(np.argmax(SHARES == WITHIN)))
@@ -182,39 +183,32 @@ class Walks:
         """All unknowns at once with the places of change held, whatever the standstills are; then these."""
         p, H = len(self.origin), self.of_stand
         weight = 1.0 / s**2
-        of_stands = self._by_stands(weight[:, :, None] * self.A[:, None])
         seen, of_noise = (self.of_way @ weight).T, 1.0 / (self.within * self.sigma**2)
         # The inverse of a precision times a draw that has it as its covariance is a draw from what is known
         # (Papandreou and Yuille 2010).
         draw = (np.sqrt(seen) * self.rng.standard_normal(seen.shape)) @ H
         draw += np.sqrt(of_noise)[:, None] * self.rng.standard_normal(draw.shape)
         right_of_stands = (self.of_way @ (weight * y)).T @ H
-        both = np.concatenate([of_stands, (right_of_stands + draw)[:, :, None]], axis=2)
+        # Walks and standstills come last, as LAPACK takes right sides one after the other.
+        both = np.empty((p + 1, self.count, H.shape[1]))
+        both[:p] = (self.A_of_stand.transpose(0, 2, 1) @ weight[self.edges_of_stand]).transpose(1, 2, 0)
+        both[p] = right_of_stands + draw
         solved = self._over_precision(seen, of_noise, both)
-        shared = solved[:, :, :p]
+        shared = solved[:p].swapaxes(0, 1)
         normal = (weight.T @ self.squares).reshape(self.count, p, p)
-        normal -= shared.transpose(0, 2, 1) @ of_stands
+        normal -= shared @ both[:p].transpose(1, 2, 0)
         normal[:, np.arange(p), np.arange(p)] += self.prior.T
         right = (self.A.T @ (weight * y) - self.prior * self.origin[:, None]).T
-        right -= np.einsum("cqp,cq->cp", shared, right_of_stands)
+        right -= (shared @ right_of_stands[:, :, None])[:, :, 0]
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", normal))
         root = np.linalg.cholesky(normal * scale[:, :, None] * scale[:, None, :])
         half = np.linalg.solve(root, (scale * right)[..., None])
         half += self.rng.standard_normal(half.shape)
         self.theta = (scale * np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]).T
-        self.stands = (solved[:, :, p] - np.einsum("cqp,pc->cq", shared, self.theta)).T
-
-    def _by_stands(self, of_edges: Array) -> Array:
-        """(count, q, p) what the standstills have of what there is of each edge, (n, count, p)."""
-        of_ways = np.add.reduceat(of_edges[self.by_way], self.begin_of_way)
-        found = np.empty((len(self.stands), *of_ways.shape[1:]))
-        for colour in self.colours:
-            shared = of_ways[colour.ways] * colour.share[:, :, None]
-            found[colour.stands] = np.add.reduceat(shared, colour.begin)
-        return found.swapaxes(0, 1)
+        self.stands = (solved[p] - (self.theta.T[:, None, :] @ shared)[:, 0]).T
 
     def _over_precision(self, seen: Array, of_noise: Array, right: Array) -> Array:
-        """``right`` (count, q, k) divided by the precision of the standstills, which is what the ways tell,
+        """``right`` (k, count, q) divided by the precision of the standstills, which is what the ways tell,
         ``seen`` (count, ways), and of each walk ``of_noise`` (count,). Only standstills next to each other
         have to do with each other, so that all walks are one matrix with two diagonals."""
         H = self.of_stand
@@ -222,16 +216,16 @@ class Walks:
         bands[0] = seen @ H**2 + of_noise[:, None]
         bands[1, :, :-1] = seen @ (H[:, :-1] * H[:, 1:])
         found: Array = solveh_banded(
-            bands.reshape(2, -1), right.reshape(-1, right.shape[2]), lower=True, check_finite=False
+            bands.reshape(2, -1), right.reshape(len(right), -1).T, lower=True, check_finite=False
         )
-        return found.reshape(right.shape)
+        return found.T.reshape(right.shape)
 
     def _stand_by_stand(self, y: Array) -> None:
         """Each standstill with all else and the noise of each edge held: ``y`` moves with its ways."""
         sigma = np.sqrt(self.within) * self.sigma
         for colour in self.colours:
-            least = np.maximum.reduceat((self.low - y)[self.by_way], self.begin_of_way, axis=0)
-            most = np.minimum.reduceat((self.high - y)[self.by_way], self.begin_of_way, axis=0)
+            least = (self.low - y)[self.edges_of_way].max(axis=1)
+            most = (self.high - y)[self.edges_of_way].min(axis=1)
             before = self.stands[colour.stands]
             low, high = ((before + room) / sigma for room in colour.room(least, most))
             then = sigma * _within(_drawn(self.rng, *_tails(low, high)), low, high)
@@ -305,6 +299,18 @@ class _Colour:
         found = np.zeros((ways, step.shape[1]))
         found[self.ways] = self.share * step[self.own]
         return found
+
+
+def _padded(of: Array) -> tuple[NDArray[np.intp], Array]:
+    """(k, most) the columns that each row of ``of`` (k, n) has something in, and what. In a row that has
+    fewer than another the first comes again, with 0."""
+    most = int(np.max(np.count_nonzero(of, axis=1)))
+    places, values = np.zeros((len(of), most), dtype=np.intp), np.zeros((len(of), most))
+    for row, place, value in zip(of, places, values, strict=True):
+        found = np.flatnonzero(row)
+        place[:] = found[0]
+        place[: len(found)], value[: len(found)] = found, row[found]
+    return places, values
 
 
 def _tails(low: Array, high: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
