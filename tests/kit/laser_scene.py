@@ -262,20 +262,18 @@ def _segments(a: np.ndarray, b: np.ndarray, beam: Beam) -> np.ndarray:
 
 
 def _cylinder(end: np.ndarray, axis: np.ndarray, part: Part, beam: Beam) -> np.ndarray:
-    """(n,) a signed measure of whether the thin beam meets a flat-ended cylinder: negative inside.
+    """(n,) m between a flat-ended cylinder and the beam, negative inside.
 
-    The stretch of the beam that lies within the radius of the axis, and the stretch between the two ends,
-    overlap when the cylinder is hit.
+    Projected along the beam both are convex, and their distance is the largest over all directions across the
+    beam (separating axes). Directions are close together where the projection has straight sides.
     """
     d = beam.direction
-    o = beam.point - end
-    radius = part.radius + beam.radius
-    along, lean = o @ axis, float(d @ axis)
-    flat_o, flat_d = o - along[:, None] * axis, d - lean * axis
-    dd = float(flat_d @ flat_d)
-    middle = -(flat_o @ flat_d) / dd
-    miss = np.linalg.norm(flat_o + middle[:, None] * flat_d, axis=1)
-    half = np.sqrt(np.maximum(radius**2 - miss**2, 0.0)) / np.sqrt(dd)
-    first, last = along + lean * (middle - half), along + lean * (middle + half)
-    above = np.minimum(first, last)  # the deepest that the stretch reaches towards the flange; end at 0
-    return np.asarray(np.maximum(miss - radius, np.maximum(above, -part.length - np.maximum(first, last))))
+    up = axis - (axis @ d) * d
+    up /= np.linalg.norm(up)
+    apart = 0.25 * np.pi * np.linspace(0.0, 1.0, 200) ** 3
+    quarter = np.concatenate([apart, 0.5 * np.pi - apart])
+    angle = np.concatenate([k * 0.5 * np.pi + quarter for k in range(4)])[:, None]
+    across = np.cos(angle) * up + np.sin(angle) * np.cross(d, up)
+    lean = across @ axis
+    reach = part.radius * np.sqrt(np.maximum(1.0 - lean**2, 0.0)) + np.maximum(-part.length * lean, 0.0)
+    return np.asarray(np.max((beam.point - end) @ across.T - reach, axis=1)) - beam.radius
