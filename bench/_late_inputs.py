@@ -9,6 +9,7 @@ from fakes.object import ObjectInputs
 from fakes.object.inputs import ObjectInputsConfig
 
 SHARE, LATE_S = 0.1, 0.04
+_DRAWN_FOR = 0x1A7E  # keeps these draws apart from others of the same seed
 
 
 class LateInputs(ObjectInputs):
@@ -16,7 +17,7 @@ class LateInputs(ObjectInputs):
 
     def __init__(self, name: str, config: ObjectInputsConfig, clock: Clock) -> None:
         super().__init__(name, config, clock)
-        self._rng = np.random.default_rng(len(name))
+        self._rng = np.random.default_rng([self.world.config.seed, _DRAWN_FOR])
         self._silent_until = -np.inf
         self._push = self.inputs.push
         self.inputs.push = self._now_and_then  # type: ignore[method-assign]
