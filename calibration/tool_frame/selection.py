@@ -15,12 +15,14 @@ _SEARCHED_M = 3e-3  # hits and misses of a search in height are nearer to each o
 _NEAR_TIP = 0.6  # of the chord: so far above the tip a shorter chord is the tip's rounding
 _ROUND_END = 0.5  # of a finger's chord: from here on a round end is as wide as the finger
 _ANOTHER_HEIGHT_M = 2e-4
+_LATE = 1.5  # times the usual time between the polls around an edge
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
     """``across`` are the places of the crossings in use across the beams; ``grazing`` those that met the
-    tip alone and tell the height only; ``hits`` and ``missed`` tell the height. ``reasons`` for the rest."""
+    tip alone, or may have, and tell the height only; ``hits`` and ``missed`` tell the height.
+    ``reasons`` for the rest."""
 
     across: Sequence[int]
     grazing: Sequence[int]
@@ -54,7 +56,27 @@ def select(scene: ToolFrameScene, seen: PassContents) -> Selection:
         if k in chance:
             reasons[k] = "met the tip alone: one way of two"
     across = [k for k in steady if k not in grazing]
-    return Selection(across, sorted(grazing), hits, missed, reasons)
+    unclear = _not_shown(seen, across, grazing)
+    reasons |= dict.fromkeys(unclear, "near the end, polls came too late to show how wide the tool is there")
+    across = [k for k in across if k not in unclear]
+    return Selection(across, sorted(grazing | unclear), hits, missed, reasons)
+
+
+def _not_shown(seen: PassContents, across: Sequence[int], grazing: set[int]) -> set[int]:
+    """Crossings near the tool's end with late polls at their edges.
+
+    How wide the tool is there differs from height to height. Where polls came as usual, too short a chord
+    shows; with late ones anything fits, and its middle is not that of the tool.
+    """
+    found: set[int] = set()
+    for beam in BEAMS:
+        for current in (False, True):
+            own = _of({k: seen.crossings[k] for k in across}, beam, current)
+            met = own | _of({k: seen.crossings[k] for k in grazing}, beam, current)
+            near = _near_end(own, met)
+            usual = float(np.median([c.slack / c.speed for c in own.values()])) if near else 0.0
+            found |= {k for k in near if own[k].slack / own[k].speed > _LATE * usual}
+    return found
 
 
 def _without_return(scene: ToolFrameScene, seen: PassContents) -> set[int]:

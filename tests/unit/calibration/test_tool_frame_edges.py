@@ -98,6 +98,22 @@ def test_one_way_of_two_at_the_tools_end_is_no_fault_where_the_search_began_two_
     assert 4 in selection.grazing
 
 
+def test_near_the_end_a_pass_with_late_polls_tells_the_height_alone() -> None:
+    bench = Bench(seed=4, parts=(Part(round=True),))
+    passes = bench.there_and_back("xs", 0.0) + bench.there_and_back("xs", -0.006)
+    _, as_usual = selected(passes, bench)
+    for late in (passes[0], passes[2]):
+        rise = late["poll_v"].index(1)
+        for key in ("poll_t", "poll_v"):
+            del late[key][rise - 2 : rise + 3]
+    _, selection = selected(passes, bench)
+    assert list(as_usual.across) == [0, 1, 2, 3]
+    assert list(selection.across) == [1, 2, 3]  # further up the tool is as wide at one height as at another
+    assert list(selection.grazing) == [0]
+    assert 0 in selection.hits
+    assert "polls came too late" in selection.reasons[0]
+
+
 def test_a_pass_whose_speed_changes_while_it_crosses_is_flagged() -> None:
     bench = Bench(seed=5)
     passes = bench.there_and_back("xs", -0.005) + bench.there_and_back("xs", -0.005)
