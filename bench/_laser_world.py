@@ -101,8 +101,7 @@ class World:
             # Of a flat end the rim comes first: where it is lowest over the rising beam.
             axis = (DOWN * self._lean).apply([0.0, 0.0, 1.0])
             down = direction[2] * direction - np.array([0.0, 0.0, 1.0])
-            rim = self.part.radius * float(np.linalg.norm(down - (down @ axis) * axis))
-            reach = rim + BEAM_RADIUS_M * abs(float(direction[2]))
+            reach += self.part.radius * float(np.linalg.norm(down - (down @ axis) * axis))
         return reach - 0.5 * BAND_M
 
     @property
