@@ -52,9 +52,11 @@ class AcmeEncoder:
 
     async def _read(self) -> None:
         self.counts.new_epoch()
-        began, seq = self._clock.now(), 0
+        now = began = self._clock.now()  # one reading: the first count is 0 on a slow PC too
+        seq = 0
         while True:
-            now, seq = self._clock.now(), seq + 1
+            seq += 1
             count = int(self.config.counts_per_s * (now - began))
             self.counts.push(Sample(EncoderState(count, count % self.modulus), now, 0.0, seq))
             await self._clock.sleep(self.period_s)
+            now = self._clock.now()
