@@ -67,10 +67,12 @@ def glimpse(
     soft: float = 0.0,
     pulse: tuple[float, float] | None = None,
     sense: float = 1.0,
+    unsure: float = 0.0,
 ) -> Glimpse:
     """A pass with polls at ``places`` (m,) m along the way, growing, ``dark`` (m,) where they saw the beam
     broken. The middle of a break is expected at ``centre`` (m), known to ``sigma``; ``soft`` (m) is how far
-    the places may be off. ``pulse``: a counter saw a break between these two places, and no poll did."""
+    the places may be off. ``pulse``: a counter saw a break between these two places, and no poll did.
+    ``unsure`` (m) is how far off the length may be that the tool's breaks are compared with."""
     seen = np.flatnonzero(dark)
     if len(seen):
         first, last = int(seen[0]), int(seen[-1])
@@ -80,6 +82,7 @@ def glimpse(
         (a1, b1), (a2, b2) = pulse, pulse
     else:
         return _missed(height, pair, places, centre, sigma, soft, sense)
+    soft += 0.5 * unsure
     a1, b1, a2, b2 = a1 - soft, b1 + soft, a2 - soft, b2 + soft
     lengths = np.linspace(max(a2 - b1, 0.0), b2 - a1, _POINTS)
     # The middle lies where both ends of the break are in their intervals.

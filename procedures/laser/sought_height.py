@@ -1,10 +1,15 @@
 """The height that a scan looks for: from ways across the beam to where the next one goes."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
 from calibration.tool_frame.height_search import Belief, HeightSearch, Next, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
+from cell.poses import Array
 from cell.procedure import Worker
 from procedures.laser.config import Search
 from procedures.laser.path import BeamStation
@@ -34,11 +39,10 @@ class SoughtHeight:
     ) -> None:
         self._worker = worker
         self._offset = float(station.s_of(np.zeros(1))[0])
-        edges = [way.edge_positions() for way in located]
-        self._centre = float(np.mean([0.5 * (e[0] + e[-1]) for e in edges]))
+        ways = [Crossed.of(way) for way in located]
         self._fingers = search.edges > 2
-        self._span = float(np.mean([e[-1] - e[0] for e in edges]))
-        chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
+        self._centre, self._span = centre_of(ways), span_of(ways)
+        chord, self._unsure = chord_of(ways)
         self._lead = search.lead_m
         self._enough = height_goal(search.z_resolution_m, max_U_m)
         self._new: list[Glimpse] = []
@@ -94,7 +98,44 @@ class SoughtHeight:
             ends = way.direction * way.along(np.array([seen[0].t - seen[0].dt, seen[0].t + seen[0].dt]))
             pulse = (float(ends[0]), float(ends[1]))
         sigma = _CENTRE_M + (0.5 * self._span if self._fingers else 0.0)
-        return [glimpse(-depth, pair, places, dark, way.direction * self._centre, sigma, soft, pulse)]
+        centre = way.direction * self._centre
+        return [glimpse(-depth, pair, places, dark, centre, sigma, soft, pulse, unsure=self._unsure)]
+
+
+@dataclass(frozen=True, eq=False)
+class Crossed:
+    """The edges of one way well below the tool's end: ``places`` (k,) m along the way out, in its order, each
+    known to ``half`` (k,) m to both sides."""
+
+    places: Array
+    half: Array
+
+    @classmethod
+    def of(cls, way: BeamPass) -> Self:
+        half = [e.dt * abs(way.speed_at(e.t)) for e in way.edges()][:: way.direction]
+        return cls(way.edge_positions(), np.array(half))
+
+
+def chord_of(ways: Sequence[Crossed]) -> tuple[float, float]:
+    """How long the beam is broken (m), by fingers for the first, and how far off that may be (m): what all
+    ways allow, as a late poll makes a single one much longer or shorter."""
+    lengths = np.array([way.places[1] - way.places[0] for way in ways])
+    half = np.array([way.half[0] + way.half[1] for way in ways])
+    low, high = float(np.max(lengths - half)), float(np.min(lengths + half))
+    if low > high:  # by what the arm scatters
+        low, high = high, low
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def centre_of(ways: Sequence[Crossed]) -> float:
+    """m along the way out: the middle of what breaks the beam, mostly by the way that shows it best."""
+    middles = [0.5 * (way.places[0] + way.places[-1]) for way in ways]
+    return float(np.average(middles, weights=[1.0 / (way.half[0] + way.half[-1]) ** 2 for way in ways]))
+
+
+def span_of(ways: Sequence[Crossed]) -> float:
+    """m from the first edge to the last, at most."""
+    return float(max(way.places[-1] - way.places[0] for way in ways))
 
 
 def height_goal(z_resolution_m: float, max_U_m: float) -> float:
