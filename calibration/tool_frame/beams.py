@@ -16,7 +16,7 @@ from calibration.tool_frame.lateral import ROUGH_SPREAD
 from calibration.tool_frame.model_choice import TWO_HEIGHTS_M
 from calibration.tool_frame.out_and_back import refuse_one_way
 from calibration.tool_frame.places import CrossingPlaces
-from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.posterior import Noise, posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
 from calibration.tool_frame.scene import Refused, ToolFrameScene
@@ -110,7 +110,7 @@ class _Finding:
         model = with_speeds(model, crossings)
         rows, rejected = _without_blunders(crossings, groups, model)
         places.check(crossings)
-        mean, cov, noise, spread = self._solved(rows, model, final, crossings)
+        mean, cov, noise = self._solved(rows, model, final, crossings)
         value = dict(zip(model.names, mean, strict=False))
         own = {
             b: [len(model.names) + k for k, (name, _) in enumerate(rows.labels) if name == b] for b in BEAMS
@@ -119,7 +119,7 @@ class _Finding:
         spots = [(b, j) for b in BEAMS for j in visited[b]]
         if final:
             tilt = {b: value.get(f"own tilt {b}", 0.0) for b in BEAMS}
-            scatter = scatter_of(scene.repeatability_m, noise, spread)
+            scatter = scatter_of(scene.repeatability_m, noise.of_way, noise.spread)
             edges = {b: mean[own[b]] for b in BEAMS}
             heights = spot_heights(scene, frames, seen, places, spots, tilt, edges, scatter, tau)
         else:
@@ -150,7 +150,7 @@ class _Finding:
             hysteresis=value.get("hysteresis"),
             lag=value.get("lag"),
             out_back=out_back(scene, crossings, value),
-            noise=noise,
+            noise=noise.sigma,
             axis_turn=turn,
             chords=chords,
             scene=scene,
@@ -163,18 +163,17 @@ class _Finding:
 
     def _solved(
         self, rows: Rows, model: LateralModel, final: bool, crossings: Mapping[int, Crossing]
-    ) -> tuple[Array, Array, float, float]:
-        """Mean and covariance of the unknowns and the edges' places, the noise (m), and how well its
-        logarithm is known."""
+    ) -> tuple[Array, Array, Noise]:
+        """Mean and covariance of the unknowns and the edges' places, and the edges' noise."""
         fit = average(rows, model)
         noise = excess(rows, fit.rest, np.ones(len(rows.low)))
         fit = average(rows, model, None, noise)
         if not final:
-            return np.concatenate([fit.psi, fit.e]), fit.cov, noise, ROUGH_SPREAD
+            return np.concatenate([fit.psi, fit.e]), fit.cov, Noise.usual(noise, ROUGH_SPREAD)
         usual = of_a_way(self.scene.repeatability_m)
         neighbours = in_a_row(dict(enumerate(self.scene.passes)))
         found = posterior(rows, model, fit, noise, self.points, usual_noise=usual, neighbours=neighbours)
-        return found.mean, found.cov, found.noise.sigma, found.noise.spread
+        return found.mean, found.cov, found.noise
 
 
 def _from_the_first(places: CrossingPlaces, used: set[int], beam: str, first: int) -> tuple[int, int]:

@@ -25,7 +25,7 @@ _ROUNDS = 3
 @dataclass(frozen=True, eq=False)
 class Lateral:
     """What the crossings tell. ``mean`` and ``cov`` are of ``model.names`` and then the edges' places;
-    ``sigma`` (m) is the noise of edges, whose logarithm is known to ``spread``.
+    ``noise`` is that of edges.
 
     ``rows`` were made with positions read ``tau_read`` s before the polls, linearised ``at``, and with
     ``height`` added to those above the beams.
@@ -35,8 +35,7 @@ class Lateral:
     rows: Rows
     mean: Array
     cov: Array
-    sigma: float
-    spread: float
+    noise: Noise
     effective: float | None
     fit: AveragingFit
     at: At
@@ -152,7 +151,7 @@ def solve_lateral(
     if method == AVERAGING:
         correlation = of_edges(rows.source, neighbours)
         mean, cov, effective = np.concatenate([fit.psi, fit.e]), of_ways(fit, rows, model, correlation), None
-        scatter = Noise(noise, ROUGH_SPREAD)
+        scatter = Noise.usual(noise, ROUGH_SPREAD)
     else:
         found = posterior(rows, model, fit, noise, points, usual_noise=usual, neighbours=neighbours)
         mean, cov, scatter, effective = found.mean.copy(), found.cov, found.noise, found.effective
@@ -160,5 +159,5 @@ def solve_lateral(
     delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
     mean = np.array(mean)
     mean[delays] += tau
-    lateral = Lateral(model, rows, mean, cov, scatter.sigma, scatter.spread, effective, fit, at, height, tau)
+    lateral = Lateral(model, rows, mean, cov, scatter, effective, fit, at, height, tau)
     return lateral, at, warnings

@@ -29,6 +29,7 @@ are the same in every call.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -49,13 +50,19 @@ _WALKS_PER_UNKNOWN = 2  # at least, for directions that can be told
 class Noise:
     """What single edges scatter by, with what they have in common with their way.
 
-    ``sigma`` (m) is the root of its mean square, and ``spread`` the standard deviation of its logarithm.
-    ``within`` of its variance is common to a way.
+    ``sigma`` (m) is the root of its mean square. ``of_way`` (m) is the same of what is common to a way: what
+    the arm is off by, without what each edge has of its own; ``spread`` the standard deviation of its
+    logarithm.
     """
 
     sigma: float
+    of_way: float
     spread: float
-    within: float = WITHIN
+
+    @classmethod
+    def usual(cls, sigma: float, spread: float) -> Self:
+        """With the usual share of a way."""
+        return cls(sigma, float(np.sqrt(WITHIN)) * sigma, spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,19 +107,18 @@ def posterior(
         walks.sweep()
         if sweep in _ADAPT:
             walks.adapt()
-    kept, sigmas, shares = [], [], []
+    kept, sigmas, of_ways = [], [], []
     for _ in range(_KEEP):
         walks.sweep()
         kept.append(walks.theta.copy())
         sigmas.append(walks.sigma.copy())
-        shares.append(walks.within)
+        of_ways.append(np.sqrt(walks.within) * walks.sigma)
     theta = np.stack(kept)  # (sweeps, unknowns, walks)
     centre = np.mean(theta, axis=(0, 2))
     off = theta - centre[:, None]
     spread = np.einsum("sic,sjc->ij", off, off) / (off.shape[0] * off.shape[2])
     between = np.var(np.mean(off, axis=0), axis=1)
     effective = walks.count * float(np.min(np.diag(spread) / np.maximum(between, 1e-300)))
-    mean_square = float(np.mean(np.square(sigmas)))
-    within = float(np.mean(np.square(sigmas) * shares)) / mean_square
-    noise_found = Noise(float(np.sqrt(mean_square)), float(np.std(np.log(sigmas))), within)
+    sigma, of_way = (float(np.sqrt(np.mean(np.square(all_)))) for all_ in (sigmas, of_ways))
+    noise_found = Noise(sigma, of_way, float(np.std(np.log(of_ways))))
     return Posterior(walks.origin + centre, spread, noise_found, effective)

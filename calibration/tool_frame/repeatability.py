@@ -1,8 +1,9 @@
 """How well an arm comes back: what its data sheet says, and what the passes across the beams show.
 
 A pass goes by as the arm then is, off by its repeatability, across the beam and along the tool alike. Across
-the scatter of many edges is seen; along the tool few passes are near the end. So what is seen across, with
-what the maker states, is what is expected along the tool.
+the scatter of many edges is seen; along the tool few passes are near the end. So what ways are seen to be off
+by across, with what the maker states, is what is expected along the tool; what each edge has of its own, as
+of reading the pose, is not.
 """
 
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ AXES_OF_RP = 3.6
 UNKNOWN_RP_M = 5e-5
 UNDER_WAY = float(np.sqrt(0.5))  # between two standstills an arm is off by a part of each
 USUAL_WAY_M = UNDER_WAY * UNKNOWN_RP_M / AXES_OF_RP
-_SIGMAS_M = np.geomspace(1.5e-6, 9e-5, 9)
+_SIGMAS_M = np.geomspace(1.5e-6, 9e-5, 17)  # in steps of 1.3: as fine as many edges know it
 _LIKELY = -6.0
 _SPREAD_STATED, _SPREAD_USUAL = 0.6, 1.0  # of the logarithm
 
@@ -48,8 +49,8 @@ class PassScatter:
 
     @property
     def coarser(self) -> "PassScatter":
-        """With every second of ``sigmas``."""
-        return PassScatter(self.sigmas[::2], self.log_prior[::2])
+        """With every fourth of ``sigmas``."""
+        return PassScatter(self.sigmas[::4], self.log_prior[::4])
 
 
 def stated_sigma(model: str | None) -> float:
@@ -63,8 +64,8 @@ def of_a_way(stated: float | None) -> float:
 
 
 def scatter_of(stated: float | None, seen: float | None = None, spread: float = 0.2) -> PassScatter:
-    """``stated`` (m) is one axis by the data sheet, None when the arm is not known; ``seen`` (m) what edges
-    scatter across the beams, whose logarithm is known to ``spread``."""
+    """``stated`` (m) is one axis by the data sheet, None when the arm is not known; ``seen`` (m) what ways
+    scatter by across the beams, whose logarithm is known to ``spread``."""
     log = np.log(_SIGMAS_M)
     prior = (
         -0.5 * ((log - np.log(of_a_way(stated))) / (_SPREAD_USUAL if stated is None else _SPREAD_STATED)) ** 2

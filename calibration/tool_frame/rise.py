@@ -49,7 +49,7 @@ class Rise:
         self.edges = {b: lateral.edges(b) for b in BEAMS}
         self.fingers = any(len(e) > 2 for e in self.edges.values())
         self.ends: tuple[TipShape, ...] = POINT if self.fingers else ENDS
-        self.scatter: PassScatter = scatter_of(stated_m, lateral.sigma, lateral.spread)
+        self.scatter: PassScatter = scatter_of(stated_m, lateral.noise.of_way, lateral.noise.spread)
         radius = {b: 0.5 * float(e[-1] - e[0]) for b, e in self.edges.items()}
         # A beam that clears later than it breaks makes all widths larger alike.
         wider = {b: r - vertical.scene.tool.radius for b, r in radius.items()}

@@ -37,13 +37,15 @@ def crossed(
     pair: int,
     speed: float = SLOW,
     gap: tuple[float, float] | None = None,
+    unsure: float = 0.0,
 ) -> Glimpse:
-    """One way whose tool truly is ``depth`` (m) below the first contact, with the flange at ``height``."""
+    """One way whose tool truly is ``depth`` (m) below the first contact, with the flange at ``height``; its
+    chord is known to ``unsure`` (m)."""
     places = polls(rng, speed, gap)
     length = end(depth) if callable(end) else float(VIEW.lengths((end,), np.array([depth]))[0, 0])
     half = 0.5 * length
     middle = 1e-4 * rng.normal()
-    return glimpse(height, pair, places, np.abs(places - middle) < half, 0.0, 2e-4)
+    return glimpse(height, pair, places, np.abs(places - middle) < half, 0.0, 2e-4, unsure=unsure)
 
 
 def pairs_at(
@@ -64,16 +66,24 @@ def pairs_at(
 
 
 def searched(
-    rng: np.random.Generator, end: End, sigma: float, most: int = 8, step: float = 5e-3
+    rng: np.random.Generator,
+    end: End,
+    sigma: float,
+    most: int = 8,
+    step: float = 5e-3,
+    longer: float = 0.0,
+    unsure: float = 0.0,
 ) -> tuple[Sought, float]:
-    """A whole search, and the true height; the first hit is up to ``step`` (m) below it."""
+    """A whole search, and the true height; the first hit is up to ``step`` (m) below it. The chord is taken
+    to be ``longer`` (m) than it is, and known to ``unsure`` (m)."""
     truth = step * float(rng.random())
-    search = HeightSearch(0.0, step, CHORD_M, False, scatter_of(sigma * np.sqrt(2.0)), FAST, SLOW, PERIOD_S)
+    scatter, chord = scatter_of(sigma * np.sqrt(2.0)), CHORD_M + longer
+    search = HeightSearch(0.0, step, chord, False, scatter, FAST, SLOW, PERIOD_S)
     seen: list[Glimpse] = []
     found = sought(search, seen)
     for k in range(2 * most):  # the way back has a height of its own, and a standstill before it
         then = found.next
         depth = truth - then.height - sigma * float(rng.normal())
-        seen.append(crossed(rng, end, depth, then.height, k, then.speed))
+        seen.append(crossed(rng, end, depth, then.height, k, then.speed, unsure=unsure))
         found = sought(search, seen)
     return found, truth

@@ -119,7 +119,7 @@ def _uncertainty(scene: ToolFrameScene, solution: Solution) -> LaserUncertainty:
         sigma_tau_s=solution.lateral.deviation("tau"),
         sigma_hysteresis_m=solution.lateral.deviation("hysteresis"),
         sigma_lag_s=solution.lateral.deviation("lag"),
-        noise_m=solution.lateral.sigma,
+        noise_m=solution.lateral.noise.sigma,
         effective_points=solution.lateral.effective,
     )
 

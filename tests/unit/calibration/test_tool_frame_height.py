@@ -211,6 +211,15 @@ def test_an_arm_that_comes_back_exactly_is_searched_with_as_well() -> None:
     assert abs(found.mean - truth) < 5.0 * found.sigma
 
 
+def test_a_search_is_not_misled_by_a_chord_that_is_not_known() -> None:
+    """Breaks shorter than the chord are those of an end, and the search would creep up to it from below."""
+    found = [
+        searched(np.random.default_rng(k), FLAT_END, SIGMA, 10, longer=6e-4, unsure=7e-4) for k in range(4)
+    ]
+    assert max(abs(f.mean - truth) for f, truth in found) < 2.5e-5
+    assert max(f.sigma for f, _ in found) < 1e-5
+
+
 def test_one_pass_a_height_leaves_the_height_less_sure_with_an_arm_that_repeats_badly() -> None:
     data = data_set(Bench(seed=5, parts=BALL), pairs=2)
     good, bad = (

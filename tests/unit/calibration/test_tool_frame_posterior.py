@@ -184,5 +184,5 @@ def test_an_arm_that_goes_beside_its_path_by_the_same_is_seen_by_fine_polls() ->
         found = solved(rows)
         e = found.mean[:3] - truth
         nees.append(e @ np.linalg.solve(found.cov[:3, :3], e))
-        assert found.noise.within > 0.9
+        assert (found.noise.of_way / found.noise.sigma) ** 2 > 0.9
     assert 1.8 < np.mean(nees) < 4.6

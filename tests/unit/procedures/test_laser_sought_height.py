@@ -1,0 +1,38 @@
+"""What the height search takes of the tool from the two ways well below its end."""
+
+import numpy as np
+import pytest
+
+from procedures.laser.sought_height import Crossed, centre_of, chord_of, span_of
+
+SLIDE = 1.25e-4  # of each edge, with polls as they usually come
+
+
+def way(first: float, last: float, half: tuple[float, float] = (SLIDE, SLIDE)) -> Crossed:
+    return Crossed(np.array([first, last]), np.array(half))
+
+
+def test_the_chord_is_what_both_ways_allow() -> None:
+    chord, off = chord_of([way(0.0101, 0.0170), way(0.0100, 0.0171)])
+    assert chord == pytest.approx(0.0070)
+    assert off == pytest.approx(2.0 * SLIDE - 1e-4)
+
+
+def test_a_late_poll_does_not_make_the_tool_wider() -> None:
+    late = way(0.0100, 0.0178, (SLIDE, 1e-3))  # the light came back before the poll at 18.8 mm
+    chord, off = chord_of([late, way(0.0100, 0.0170)])
+    assert abs(chord - 0.0070) <= off <= 2.0 * SLIDE + 1e-12
+    assert centre_of([late, way(0.0100, 0.0170)]) == pytest.approx(0.0135, abs=3e-5)
+    assert span_of([late, way(0.0100, 0.0170)]) == pytest.approx(0.0078)
+
+
+def test_two_late_ways_leave_the_chord_open_by_as_much() -> None:
+    chord, off = chord_of([way(0.0100, 0.0178, (SLIDE, 1e-3)), way(0.0094, 0.0170, (8e-4, SLIDE))])
+    assert abs(chord - 0.0070) <= off
+    assert off > 7e-4
+
+
+def test_ways_that_differ_by_what_the_arm_scatters_leave_the_chord_between_them() -> None:
+    chord, off = chord_of([way(0.0100, 0.0170, (1e-5, 1e-5)), way(0.0100, 0.01706, (1e-5, 1e-5))])
+    assert chord == pytest.approx(0.00703)
+    assert off == pytest.approx(1e-5)
