@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from calibration.tool_frame.bounds import LateralModel, Rows
 from cell.poses import Array
@@ -76,13 +77,13 @@ def design(rows: Rows) -> Array:
 def robust(rows: Rows, model: LateralModel) -> tuple[AveragingFit, NDArray[np.bool_]]:
     """The solution, and which rows are blunders: further off than width and noise of the others explain."""
     fit = average(rows, model)
+    beyond = np.maximum(np.abs(fit.rest) - 0.5 * rows.width, 0.0)
+    sigma = float(1.4826 * np.median(beyond))  # for a beginning: 0 where most are within
     for _ in range(_ROUNDS):
-        beyond = np.maximum(np.abs(fit.rest) - 0.5 * rows.width, 0.0)
-        sigma = float(1.4826 * np.median(beyond)) if np.median(beyond) > 0.0 else 0.0
         u = fit.rest / (np.sqrt(rows.width**2 / 12.0 + rows.soft**2 + sigma**2 + 1e-16) * _TUKEY)
         weight = np.where(np.abs(u) < 1.0, (1.0 - u**2) ** 2, 1e-6)
         fit = average(rows, model, weight, sigma)
-    sigma = excess(rows, fit.rest, weight)
+        sigma = excess(rows, fit.rest, weight)
     A = design(rows)
     known = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", A, fit.cov, A), 0.0))
     limit = 0.5 * rows.width + 5.0 * np.sqrt(sigma**2 + rows.soft**2) + 3.0 * known + 1e-7
@@ -91,9 +92,17 @@ def robust(rows: Rows, model: LateralModel) -> tuple[AveragingFit, NDArray[np.bo
 
 
 def excess(rows: Rows, rest: Array, weight: Array) -> float:
-    """Noise (m) in the residuals beyond the intervals' widths; of edges that have a say."""
-    total = float(np.sum(weight))
-    freedom = max(total - rows.X.shape[1] - len(rows.labels), 1.0)
-    found = float(np.sum(weight * rest**2)) / freedom
-    explained = float(np.sum(weight * (rows.width**2 / 12.0 + rows.soft**2))) / total
-    return float(np.sqrt(max(found - explained, 0.0)))
+    """Noise (m) in the residuals beyond the intervals' widths; of edges that have a say.
+
+    With it the residuals are as large as expected, each in units of its own width and noise (Paule and Mandel
+    1982): next to one wide interval the squares of all narrow ones are lost in a plain sum."""
+    freedom: float = max(float(np.sum(weight)) - rows.X.shape[1] - len(rows.labels), 1.0)
+    even = rows.width**2 / 12.0 + rows.soft**2 + 1e-16
+
+    def left(noise2: float) -> float:
+        return float(np.sum(weight * rest**2 / (even + noise2))) - freedom
+
+    if left(0.0) <= 0.0:
+        return 0.0
+    most = float(np.sum(weight * rest**2)) / freedom
+    return float(np.sqrt(brentq(left, 0.0, most)))
