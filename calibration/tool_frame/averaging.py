@@ -105,4 +105,4 @@ def excess(rows: Rows, rest: Array, weight: Array) -> float:
     if left(0.0) <= 0.0:
         return 0.0
     most = float(np.sum(weight * rest**2)) / freedom
-    return float(np.sqrt(brentq(left, 0.0, most)))
+    return float(np.sqrt(brentq(left, 0.0, most, xtol=1e-6 * most)))

@@ -72,7 +72,7 @@ def glimpse(
     """A pass with polls at ``places`` (m,) m along the way, growing, ``dark`` (m,) where they saw the beam
     broken. The middle of a break is expected at ``centre`` (m), known to ``sigma``; ``soft`` (m) is how far
     the places may be off. ``pulse``: a counter saw a break between these two places, and no poll did.
-    ``unsure`` (m) is how far off the length may be that the tool's breaks are compared with."""
+    ``unsure`` (m) is how far off the tool's chord may be, with which the break of a hit is compared."""
     seen = np.flatnonzero(dark)
     if len(seen):
         first, last = int(seen[0]), int(seen[-1])

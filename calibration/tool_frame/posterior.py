@@ -48,7 +48,7 @@ _WALKS_PER_UNKNOWN = 2  # at least, for directions that can be told
 
 @dataclass(frozen=True)
 class Noise:
-    """What single edges scatter by, with what they have in common with their way.
+    """What single edges scatter by, what is common to both edges of a way included.
 
     ``sigma`` (m) is the root of its mean square. ``of_way`` (m) is the same of what is common to a way: what
     the arm is off by, without what each edge has of its own; ``spread`` the standard deviation of its

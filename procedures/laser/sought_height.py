@@ -117,8 +117,8 @@ class Crossed:
 
 
 def chord_of(ways: Sequence[Crossed]) -> tuple[float, float]:
-    """How long the beam is broken (m), by fingers for the first, and how far off that may be (m): what all
-    ways allow, as a late poll makes a single one much longer or shorter."""
+    """How long the beam is broken (m), of fingers by the first alone, and how far off that may be (m): what
+    all ways allow, as a late poll makes a single one much longer or shorter."""
     lengths = np.array([way.places[1] - way.places[0] for way in ways])
     half = np.array([way.half[0] + way.half[1] for way in ways])
     low, high = float(np.max(lengths - half)), float(np.min(lengths + half))
@@ -130,11 +130,12 @@ def chord_of(ways: Sequence[Crossed]) -> tuple[float, float]:
 def centre_of(ways: Sequence[Crossed]) -> float:
     """m along the way out: the middle of what breaks the beam, mostly by the way that shows it best."""
     middles = [0.5 * (way.places[0] + way.places[-1]) for way in ways]
-    return float(np.average(middles, weights=[1.0 / (way.half[0] + way.half[-1]) ** 2 for way in ways]))
+    weights = [1.0 / ((way.half[0] + way.half[-1]) ** 2 + 1e-12) for way in ways]
+    return float(np.average(middles, weights=weights))
 
 
 def span_of(ways: Sequence[Crossed]) -> float:
-    """m from the first edge to the last, at most."""
+    """m from the first edge to the last: the longest that a way showed."""
     return float(max(way.places[-1] - way.places[0] for way in ways))
 
 
