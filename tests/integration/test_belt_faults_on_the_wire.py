@@ -127,7 +127,7 @@ class Picking:
     def ends_by(self, run_id: int, name: str) -> None:
         """The run ends by this error, is told so, and nothing moves before somebody starts anew."""
         end = self.end(run_id)
-        assert (end["outcome"], end["packml"], end["error"]["name"]) == ("aborted", "ABORTED", name), end
+        assert (end["outcome"], end["packml"], end["error"]["name"]) == ("aborted", "ABORTED", name), str(end)
         assert self.registers()[ERROR] == catalogue()[name].code
 
     def repaired(self, *devices: str) -> None:
@@ -176,8 +176,10 @@ def long(registers: list[int], at: int) -> int:
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
-    # a feed that lets the arm come back between two items
+    # A feed that lets the arm come back between two items, and an arm of 125 Hz: one of 500 Hz takes nine
+    # tenths of two cores on its way with an item, and faults are to be looked at, not what a slow PC does.
     scenario = shipped("picking", real=True, spacing_m=0.45, profile="[{ speed_m_s = 0.2 }]")
+    scenario = scenario.replace('model = "ur10e"', 'model = "ur10"\nversion = "3.15.0"')
     with wire_cell(tmp_path_factory.mktemp("faults"), "127.0.0.66", scenario, calibrate_camera) as made:
         yield made
 
@@ -211,7 +213,7 @@ def test_a_node_that_restarts_is_configured_again_and_picking_goes_on_with_new_i
     resets = subject.cell.status()["devices"]["belt"]["resets"]
     subject.cell.inject("belt", "reboot", boot_s=0.1)
     end = subject.end(run_id)
-    assert end["outcome"] == "complete", end
+    assert end["outcome"] == "complete", str(end)
     belt = subject.cell.status()["devices"]["belt"]
     assert (belt["resets"], belt["state"]) == (resets + 1, "READY")
     outcomes = subject.told(run_id).outcomes
@@ -251,7 +253,7 @@ def test_a_belt_that_stands_for_seconds_suspends_the_run_at_rest_and_is_picked_f
     assert looks > 1
     assert ask(subject.cell.folder, {"do": "truth"})["belt"]["speed_m_s"] > 0.0, "it went on before the belt"
     end = subject.end(run_id)
-    assert end["outcome"] == "complete", end
+    assert end["outcome"] == "complete", str(end)
     assert subject.told(run_id).outcomes[Outcome.PICKED] == 3
 
 
@@ -282,4 +284,4 @@ def test_nothing_moves_after_a_protective_stop_in_mid_follow_until_reset_and_sta
     assert subject.refuses_to_start() == "MOTION_LATCHED"
     subject.put_right()
     end = subject.end(subject.start(picks=1))
-    assert end["outcome"] == "complete", end
+    assert end["outcome"] == "complete", str(end)

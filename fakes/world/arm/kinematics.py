@@ -36,6 +36,7 @@ _UNIT, _SIX = np.eye(4), np.eye(6)
 _TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 MODELS = tuple(_LENGTHS)
+CB3_MODELS = ("ur3", "ur5", "ur10")  # with controllers of version 3; all others have later ones
 
 
 class UnreachableError(ValueError):

@@ -10,8 +10,10 @@ from cell.formats.reading import Strict
 from cell.formats.robot import Serial6Robot, parse_robot
 from cell.poses import Array
 from fakes.world.arm.controller_limits import ControllerLimitsTruth
-from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
+from fakes.world.arm.kinematics import CB3_MODELS, MODELS, LinkDeltas, dh_parameters
 from fakes.world.beams.truth import CapsuleTruth, Three
+
+CB3_VERSION = "3.15.0"
 
 Lag = Literal["none", "delay", "low-pass"]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -97,7 +99,7 @@ class ArmTruth(Strict):
     serial: str = Field(
         default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
     )
-    version: str = "5.12.4"
+    version: str = Field(default="5.12.4", description=f"{CB3_VERSION} of {', '.join(CB3_MODELS)}")
     q_start: Six
     factory: Links = Links()
     error: Links = Links()
@@ -113,6 +115,13 @@ class ArmTruth(Strict):
     )
     repeatability_r_rad: float = Field(default=0.0, ge=0, le=0.01)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _its_own_version(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.get("model") in CB3_MODELS:
+            return {"version": CB3_VERSION, **given}
+        return given
+
     @model_validator(mode="after")
     def _known_model(self) -> Self:
         if self.robot is not None:
@@ -121,6 +130,11 @@ class ArmTruth(Strict):
             self.serial6()
         elif self.model not in MODELS:
             raise ValueError(f"model {self.model!r} is not known; known are {', '.join(MODELS)}")
+        elif (self.model in CB3_MODELS) != self.version.startswith("3."):
+            raise ValueError(
+                f"no {self.model.upper()} has version {self.version}: "
+                f"{', '.join(CB3_MODELS)} have controllers of version 3, all others later ones"
+            )
         return self
 
     def serial6(self) -> Serial6Robot | None:

@@ -52,7 +52,7 @@ def test_gears_turn_each_joint_too_far_once_and_twice_a_turn() -> None:
         assert np.ptp(np.delete(off, j, axis=1), axis=0).max() < 1e-15, "no joint feels another one's gear"
 
 
-@pytest.mark.parametrize("model", ["ur10e", "ur5e", "ur3"])
+@pytest.mark.parametrize("model", ["ur10e", "ur5e", "ur3e"])
 @pytest.mark.parametrize("link", [0, 1, 2])
 def test_a_joint_gives_way_as_the_weight_of_a_link_pulls_it(model: str, link: int) -> None:
     sag = [0.0, 0.0, 0.0]

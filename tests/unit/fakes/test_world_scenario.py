@@ -77,10 +77,18 @@ def test_all_findings_come_at_once() -> None:
         ('bind = "127.0.0.2"', 'bind = "0.0.0.0"', "fakes.bind"),
         ("[world.arm]", "[world.arm", "is not TOML"),
         ("q_start = [0.0,", "q_start = [", "world.arm.q_start"),
+        ('model = "ur10e"', 'model = "ur10e"\nversion = "3.15.0"', "no UR10E has version 3.15.0"),
+        ('model = "ur10e"', 'model = "ur10"\nversion = "5.12.4"', "no UR10 has version 5.12.4"),
     ],
 )
 def test_wrong_values_are_named(old: str, new: str, said: str) -> None:
     assert said in broken(old, new)
+
+
+def test_an_arm_has_a_controller_of_its_series() -> None:
+    text = (FOLDER / "hand_eye.toml").read_text("utf-8")
+    versions = [Scenario.parse(text.replace("ur10e", model)).world.arm.version for model in ("ur10e", "ur10")]
+    assert versions == ["5.12.4", "3.15.0"]
 
 
 def test_a_scenario_that_is_like_another_says_only_what_differs() -> None:
