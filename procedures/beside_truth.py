@@ -6,12 +6,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import chdtri
 
-# 95 % limits of a length in space, of a direction and of one number, widened to 99.73 %: quantiles of
-# chi-square with 3, 2 and 1 degrees of freedom.
-SURE_POINT = 1.346
-SURE_TILT = 1.405
-SURE_SCALAR = 1.531
-_STATED, _SURE = 0.05, 0.0027  # of good results that a limit at 95 %, and at 99.73 %, leaves outside
+# Of good results, the share that a limit at 95 % leaves outside, and the one beyond which a result is called
+# wrong. A demo makes some 60 such comparisons: at 99.73 % one good demo of seven would fail, now one of 170.
+STATED_BEYOND, WRONG_BEYOND = 0.05, 1e-4
+SURE = "99.99 %"
+
+
+def _widened(degrees: int) -> float:
+    return float(np.sqrt(chdtri(degrees, WRONG_BEYOND) / chdtri(degrees, STATED_BEYOND)))
+
+
+# 95 % limits of a length in space, of a direction and of one number, widened to ``SURE``.
+SURE_POINT, SURE_TILT, SURE_SCALAR = _widened(3), _widened(2), _widened(1)
+SURE_POSE = float(chdtri(6, WRONG_BEYOND))  # a squared Mahalanobis distance, of a shift and a turn
+SURE_MODE = float(np.sqrt(chdtri(1, WRONG_BEYOND)))  # in standard deviations, of errors all in one direction
 
 
 @dataclass(frozen=True)
@@ -35,14 +43,14 @@ class Judged:
 
 
 def limit_of_worst(n: int, degrees: int = 3, *, sure: bool = False) -> float:
-    """What the worst of ``n`` normal errors stays below in 95 % of all good results (99.73 % where ``sure``),
-    in units of the 95 % limit of each, which is of ``degrees`` numbers.
+    """What the worst of ``n`` normal errors stays below in 95 % of all good results (``SURE`` of them where
+    ``sure``), in units of the 95 % limit of each, which is of ``degrees`` numbers.
 
     Of each a share of 0.05 / n may be beyond (Bonferroni). That is so whatever the errors have in common;
     where they are independent, it is 95.1 % at most and not 95 %.
     """
-    beyond = _SURE if sure else _STATED
-    return float(np.sqrt(chdtri(degrees, beyond / n) / chdtri(degrees, _STATED)))
+    beyond = WRONG_BEYOND if sure else STATED_BEYOND
+    return float(np.sqrt(chdtri(degrees, beyond / n) / chdtri(degrees, STATED_BEYOND)))
 
 
 def all_inside(of95: Mapping[str, float]) -> bool | None:

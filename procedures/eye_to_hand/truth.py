@@ -9,18 +9,17 @@ import numpy as np
 
 from calibration.planning.prediction import PredictedUncertainty
 from cell.poses import from_pose6, log_xi
-from procedures.beside_truth import Judged, all_inside, limit_of_worst
+from procedures.beside_truth import SURE_POSE, Judged, all_inside, limit_of_worst
 from procedures.eye_to_hand.result import AxbcResult, DrivenTargets
 from procedures.twin_arm import true_flange
 from procedures.words import deg, mm
 
-M2_LIMIT = 20.1  # 99.73 % of a chi-square with 6 degrees of freedom lie below
 _RADIUS95 = 2.795  # standard deviations that 95 % of normal 3-vectors are shorter than
 
 
 def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when the error of ``T_camera_base`` is within its own covariance, and targets that were driven to
-    are truly off as stated: each of the two is in 99.73 % of good runs.
+    are truly off as stated: each of the two is in 99.99 % of good runs.
 
     Each of ``of95`` is below 1 in 95 % of good runs: how far ``T_camera_base`` is shifted and turned, by the
     lengths and angles of its covariance, and the worst arrival where targets were driven to. All three are
@@ -30,13 +29,13 @@ def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -
     xi = log_xi(from_pose6(answer.T_camera_base).inv() * from_pose6(truth["T_base_camera"]).inv())
     cov = np.array(answer.cov)
     m2 = float(xi @ np.linalg.solve(cov, xi))
-    good = m2 <= M2_LIMIT
+    good = m2 <= SURE_POSE
     sigma = [float(np.sqrt(np.trace(cov[part, part]))) for part in (slice(0, 3), slice(3, 6))]
     off = f"{mm(float(np.linalg.norm(xi[:3])))}, {deg(float(np.linalg.norm(xi[3:])))}"
     words = "consistent with" if good else "NOT consistent with"
     text = (
         f"T_camera_base is off by {off}; squared Mahalanobis distance {m2:.1f} (6 expected, limit "
-        f"{M2_LIMIT}): {words} the stated uncertainty\nblamed: {answer.blamed}"
+        f"{SURE_POSE:.1f}): {words} the stated uncertainty\nblamed: {answer.blamed}"
     )
     stated = f"standard uncertainty {mm(sigma[0])}, {deg(sigma[1])}"
     of = PredictedUncertainty(cov)
@@ -89,7 +88,7 @@ def driven_truth(driven: DrivenTargets, truth: Mapping[str, Any]) -> DrivenTruth
 
 
 def _judge_driven(driven: DrivenTargets, truth: Mapping[str, Any]) -> Judged:
-    """Good when all arrivals are as stated within limits that 99.73 % of good runs keep.
+    """Good when all arrivals are as stated within limits that 99.99 % of good runs keep.
 
     Which of the two ways is called nearer, by two standard deviations, is told and not judged: where nothing
     is gained, chance alone makes such a call in 2.3 % of good runs.

@@ -15,15 +15,13 @@ from cell.errors import error
 from cell.formats.robot import parse_robot
 from cell.poses import Array, from_pose6, log_xi
 from cell.store.files import read_json
-from procedures.beside_truth import Judged, all_inside
+from procedures.beside_truth import SURE_MODE, SURE_POSE, Judged, all_inside
 from procedures.hand_eye.record import CAPTURE_FILE
 from procedures.hand_eye.result import ArmError, ArmFromBoard, HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import SETUPS, spread_lines
 from procedures.twin_arm import true_flange
 from procedures.words import table
 
-M2_LIMIT = 20.1  # 3 sigma: 99.73 % of a chi-square with 6 degrees of freedom lie below
-SURE_MODE = 3.0  # of an error along one direction of all numbers: 99.73 % lie below
 _OWN_JOINTS = 1234  # others than those that the estimate is judged by
 AXES = ("x", "y", "z", "about x", "about y", "about z")
 
@@ -41,7 +39,7 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        return self.m2 <= M2_LIMIT
+        return self.m2 <= SURE_POSE
 
 
 def judge(result: HandEyeResult, truth: Mapping[str, Any]) -> Judgement:
@@ -107,7 +105,7 @@ def judge_corrected(
         f"the arm over all its joints, at {2**REFERENCE} that were not measured; position of the flange "
         "after the best base and flange, mm",
         table(("arm", "stated RMS", "true RMS", "stated: 95 % below", "true: 95 % below"), rows),
-        f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:g} times the stated RMS)",
+        f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:.2g} times the stated RMS)",
     ]
     claim, off = (f"{1e3 * v:.3f} mm" for v in (after.stated.t, after.rms))
     return Judged(good, "\n".join(text), f"arm {claim} RMS", off)
@@ -163,7 +161,7 @@ def judgement_text(judgement: Judgement, answer: HandEyeAnswer) -> str:
             table(("", "found", "truth", "error (camera frame)", "standard uncertainty"), rows),
             f"error {1e3 * t:.4f} mm, {degrees(r):.5f} deg",
             f"squared Mahalanobis distance of the error under its own covariance: {judgement.m2:.1f} "
-            f"(6 expected, limit {M2_LIMIT}; {sqrt(judgement.m2):.1f} sigma): {answer_word} the stated "
+            f"(6 expected, limit {SURE_POSE:.1f}; {sqrt(judgement.m2):.1f} sigma): {answer_word} the stated "
             "uncertainty",
             *spread_lines(answer),
             "The spreads tell how consistent single estimates are; they are not the error above.",

@@ -11,19 +11,17 @@ from calibration.identification.registration import Registration, register
 from calibration.iso9283 import repeatability_of
 from cell.formats.iso9283 import Iso9283
 from cell.poses import Array, from_pose6
-from procedures.beside_truth import Judged, all_inside, limit_of_worst
+from procedures.beside_truth import STATED_BEYOND, WRONG_BEYOND, Judged, all_inside, limit_of_worst
 from procedures.iso9283.record import DATA_FILE, read_data_set
 from procedures.iso9283.result import Iso9283Result, PoseResult
 from procedures.laser_tracker.locating import registration_of
 from procedures.twin_arm import true_flange
 from procedures.words import mm, table
 
-_STATED, _SURE = 0.05, 0.0027
-
 
 def judge_iso9283(result: Iso9283Result, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when each pose's deviation is within its AP_U of the true one, and the true RP within RP_95, by
-    limits that 99.73 % of good runs keep at their worst pose; ``of95`` has the worst by those of 95 %,
+    limits that 99.99 % of good runs keep at their worst pose; ``of95`` has the worst by those of 95 %,
     and ``limits95`` the limit of that pose: of AP in m, and of RP, whose interval is longer above than
     below and has no single limit in m, half of it in logarithms, which is nearly a share of RP.
 
@@ -43,12 +41,14 @@ def judge_iso9283(result: Iso9283Result, truth: Mapping[str, Any], folder: Path)
     good = shares[worst] <= limit_of_worst(n, sure=True)
     intervals = {p.name: (_beyond(p, RP[p.name]), p.cycles) for p in poses if p.RP_95 is not None}
     if intervals:
-        wider = {name: _worst_of_t(n, cycles, _STATED) for name, (_, cycles) in intervals.items()}
+        wider = {name: _worst_of_t(n, cycles, STATED_BEYOND) for name, (_, cycles) in intervals.items()}
         of_RP = {name: share / wider[name] for name, (share, _) in intervals.items()}
         least = max(of_RP, key=of_RP.__getitem__)
         of95["the worst RP"] = of_RP[least]
         limits95["the worst RP"] = (_middle_and_half(by_name[least])[1] * wider[least], "1")
-        good = good and all(share <= _worst_of_t(n, cycles, _SURE) for share, cycles in intervals.values())
+        good = good and all(
+            share <= _worst_of_t(n, cycles, WRONG_BEYOND) for share, cycles in intervals.values()
+        )
     rows = [
         (
             p.name,
@@ -116,7 +116,7 @@ def _middle_and_half(pose: PoseResult) -> tuple[float, float]:
 
 def _worst_of_t(poses: int, cycles: int, beyond: float) -> float:
     """As ``limit_of_worst``, of intervals that go by Student's distribution, as those of RP do."""
-    one = stdtrit(cycles - 1, 1.0 - _STATED / 2.0)
+    one = stdtrit(cycles - 1, 1.0 - STATED_BEYOND / 2.0)
     return float(stdtrit(cycles - 1, 1.0 - beyond / (2.0 * poses)) / one)
 
 

@@ -12,7 +12,7 @@ from calibration.kinematics import robot_from_spec
 from cell.errors import error
 from cell.poses import Array, from_pose6
 from cell.store.files import read_json
-from procedures.beside_truth import SURE_POINT, SURE_TILT, Judged
+from procedures.beside_truth import SURE, SURE_POINT, SURE_TILT, Judged
 from procedures.laser.config import BEAMS
 from procedures.laser.result import LaserResult, ReferenceResult
 from procedures.twin_arm import true_flange
@@ -58,8 +58,8 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
 
 
 def _beyond(beyond: bool) -> str:
-    """An error beyond its 95 % bound is said to be: 1 of 20 is, and the test is made at 99.73 %."""
-    return ": beyond the 95 % bound, as 1 of 20 is, and within the 99.73 % bound" if beyond else ""
+    """An error beyond its 95 % bound is said to be: 1 of 20 is, and the test is made at ``SURE``."""
+    return f": beyond the 95 % bound, as 1 of 20 is, and within the {SURE} bound" if beyond else ""
 
 
 def judge_beams(result: ReferenceResult, truth: Mapping[str, Any], folder: Path) -> Judged:

@@ -9,13 +9,11 @@ import numpy as np
 from calibration.touch import common_motion
 from cell.errors import error
 from cell.poses import from_pose6
-from procedures.beside_truth import Judged, all_inside
+from procedures.beside_truth import SURE_POSE, Judged, all_inside
 from procedures.touch_test.data import read_data_set
 from procedures.touch_test.judging import points_of
 from procedures.touch_test.result import TouchResult
 from procedures.words import deg, mm
-
-M2_LIMIT = 20.1  # 99.73 % of a chi-square with 6 degrees of freedom lie below
 
 
 def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> Judged:
@@ -31,10 +29,10 @@ def judge_touch(result: TouchResult, truth: Mapping[str, Any], folder: Path) -> 
     xi = np.concatenate([np.array(answer.shift) - told.shift, np.array(answer.turn) - told.turn])
     m2 = float(xi @ np.linalg.solve(np.array(of.cov), xi))
     shift, turn = (float(np.linalg.norm(part)) for part in (xi[:3], xi[3:]))
-    good = m2 <= M2_LIMIT
+    good = m2 <= SURE_POSE
     text = (
         f"the tool is bent by {mm(float(np.linalg.norm(bent)))}; beyond that {mm(shift)} and {deg(turn)} "
-        f"were found; squared Mahalanobis distance {m2:.1f} (6 expected, limit {M2_LIMIT}): "
+        f"were found; squared Mahalanobis distance {m2:.1f} (6 expected, limit {SURE_POSE:.1f}): "
         f"{'consistent with' if good else 'NOT consistent with'} the stated uncertainty"
     )
     stated = (

@@ -40,8 +40,9 @@ from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.belt.result import BeltTrackingResult
 from procedures.belt.truth import judge_picks
+from procedures.beside_truth import SURE_POSE
 from procedures.hand_eye.result import ArmError, ArmFromBoard, HandEyeResult
-from procedures.hand_eye.truth import M2_LIMIT, judge, judge_corrected, judgement_text
+from procedures.hand_eye.truth import judge, judge_corrected, judgement_text
 from procedures.registry import JOBS
 from procedures.tracker.result import KincalResult
 from procedures.tracker.truth import judge_arm
@@ -252,8 +253,8 @@ def test_the_judgement_weighs_the_error_with_the_stated_covariance() -> None:
     text = judgement_text(subject, result.result)
     assert "NOT" not in text
     assert "not resolved" in text
-    far = {"T_flange_camera": to_pose6(found * exp_xi(sigma * [5.0, 0, 0, 0, 0, 0])).tolist()}
-    assert judge(result, far).m2 > M2_LIMIT
+    far = {"T_flange_camera": to_pose6(found * exp_xi(sigma * [5.5, 0, 0, 0, 0, 0])).tolist()}
+    assert judge(result, far).m2 > SURE_POSE
     assert "NOT consistent" in judgement_text(judge(result, far), result.result)
 
 

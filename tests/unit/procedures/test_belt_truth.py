@@ -60,10 +60,10 @@ def test_a_row_says_which_figure_is_the_travel_and_which_the_direction() -> None
 
 
 def test_a_rise_beyond_what_is_stated_is_told_and_not_taken_for_the_direction() -> None:
-    subject = judged(0.001, 0.002, rise_rad=0.007)
+    subject = judged(0.001, 0.002, rise_rad=0.009)
     assert not subject.good
     assert subject.off == judged(0.001, 0.002).off
-    assert "rise 0.401 deg" in subject.text
+    assert "rise 0.516 deg" in subject.text
     assert "rise 0.229 deg" in subject.text
 
 
