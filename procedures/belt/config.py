@@ -199,8 +199,8 @@ class BeltTrackingConfig(Strict):
         default=0.003,
         gt=0,
         le=0.1,
-        description="so far the tool may be beside its set-points at an item, more ends the job; and an item "
-        "beside them at contact, more is warned of",
+        description="so far the tool may be beside its set-points at an item, a fifth of a second "
+        "of more ends the job; and an item beside them at contact, more is warned of",
     )
     align: bool = Field(default=True, description="turn the tool to the item")
     follow: bool = Field(default=True, description="move with the item during the grip")

@@ -14,6 +14,9 @@ from procedures.belt.motion.contact_check import ContactCheck
 from procedures.belt.motion.servo_lag import Lag
 
 _FORGET = 0.1  # of squares: about ten looks, a fifth of a second
+# One look counts as so many limits at most: a PC that pauses for some hundredths of a second leaves the arm
+# behind by far more in two or three looks, and on its way again after them. That costs the item at most.
+_MOST = 1.25
 
 
 class ArmFollowing:
@@ -26,6 +29,7 @@ class ArmFollowing:
         self._limit_m, self._guard = limit_m, guard
         self._squares, self._level = 0.0, np.zeros((2, 2))
         self._lately: float | None = None
+        self._limited = 0.0  # as the one before, of looks that count as at most ``_MOST`` limits
         self.looks = 0
         self.largest_m = 0.0
 
@@ -65,7 +69,10 @@ class ArmFollowing:
         return {"arm_lag_s": self.lag.s, "following_error_m": self.lately_m}
 
     def look(self, tool: Array, wanted: Array) -> None:
-        """The tool's point (3,) as it is and as it is meant to be; ``ARM_NOT_FOLLOWING`` over the limit."""
+        """The tool's point (3,) as it is and as it is meant to be.
+
+        ``ARM_NOT_FOLLOWING`` when it stays beside it: over the limit for a fifth of a second.
+        """
         off = tool - wanted
         square = float(np.sum(off**2))
         self._level += np.outer(off[:2], off[:2])
@@ -74,7 +81,8 @@ class ArmFollowing:
         self.largest_m = max(self.largest_m, sqrt(square))
         before = square if self._lately is None else self._lately
         self._lately = before + _FORGET * (square - before)
-        if self.lately_m > self._limit_m:
+        self._limited += _FORGET * (min(square, (_MOST * self._limit_m) ** 2) - self._limited)
+        if self._limited > self._limit_m**2:
             raise error(
                 "ARM_NOT_FOLLOWING",
                 f"the tool was {1e3 * self.lately_m:.1f} mm beside its set-points at an item; "

@@ -108,13 +108,24 @@ def test_set_points_that_the_guard_refuses_are_sent_without_making_up_for_the_lo
     assert plain.t0 == pytest.approx(9.0 - subject.s)
 
 
+def test_a_tool_that_is_left_behind_for_a_moment_is_told_of_and_ends_nothing() -> None:
+    """Set-points that were missing for 60 ms, at a belt of 0.2 m/s."""
+    subject = ArmFollowing(0.05, limit_m=0.003, guard=OpenGuard())  # type: ignore[arg-type]
+    for off in [0.0] * 20 + [0.004, 0.008, 0.012, 0.006] + [0.0] * 20:
+        subject.look(np.zeros(3), np.array([0.0, off, 0.0]))
+    assert subject.largest_m == pytest.approx(0.012)
+    assert subject.rms_m == pytest.approx(np.sqrt(260e-6 / 44))
+
+
 def test_a_tool_that_stays_beside_its_set_points_ends_the_job() -> None:
     subject = ArmFollowing(0.05, limit_m=0.003, guard=OpenGuard())  # type: ignore[arg-type]
     here = np.zeros(3)
     for _ in range(50):
         subject.look(here, np.array([0.0, 0.002, 0.0]))
+    looks = subject.looks
     with pytest.raises(CellError, match="mm beside its set-points") as caught:
         for _ in range(50):
             subject.look(here, np.array([0.0, 0.005, 0.0]))
     assert caught.value.name == "ARM_NOT_FOLLOWING"
+    assert subject.looks - looks <= 10, "a fifth of a second"
     assert subject.largest_m == pytest.approx(0.005)
