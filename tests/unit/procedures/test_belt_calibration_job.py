@@ -52,7 +52,7 @@ def assert_true(cell: ObjectCell, result: Mapping[str, Any]) -> None:
     assert float(np.dot(found["dir"], belt.direction)) > 0.99
     told = cell.plant.world.truth(cell.clock.now())
     assert beside_truth(result, told, cell.runs).good
-    told["belt"]["m_per_count"] += high - low
+    told["belt"]["m_per_count"] += 1.5 * (high - low)
     assert not beside_truth(result, told, cell.runs).good
 
 

@@ -88,7 +88,7 @@ def test_the_delay_is_found_within_its_interval_and_takes_effect(tmp_path: Path)
             assert abs(answer["hysteresis_m"] - truth.hysteresis_m) < 3e-4
             told = cell.plant.world.truth(cell.clock.now())
             assert beside_truth(cell.result(1), told, cell.folder(1).path).good
-            told["beams"]["xs"]["latency_s"] += high - low
+            told["beams"]["xs"]["latency_s"] += 1.5 * (high - low)
             assert not beside_truth(cell.result(1), told, cell.folder(1).path).good
             assert cell.ledger.effective(time_offset("beams"), 0.0).value == answer["time_offset_s"]
             assert cell.at_rest()
