@@ -41,7 +41,8 @@ class SoughtHeight:
         self._offset = float(station.s_of(np.zeros(1))[0])
         ways = [Crossed.of(way) for way in located]
         self._fingers = search.edges > 2
-        self._centre, self._span = centre_of(ways), span_of(ways)
+        self._centre, apart = centre_of(ways)
+        self._centre_sigma, self._span = _CENTRE_M + 0.5 * apart, span_of(ways)
         chord, self._unsure = chord_of(ways)
         self._lead = search.lead_m
         self._enough = height_goal(search.z_resolution_m, max_U_m)
@@ -97,7 +98,7 @@ class SoughtHeight:
         if (seen := way.edges()) and not dark.any():
             ends = way.direction * way.along(np.array([seen[0].t - seen[0].dt, seen[0].t + seen[0].dt]))
             pulse = (float(ends[0]), float(ends[1]))
-        sigma = _CENTRE_M + (0.5 * self._span if self._fingers else 0.0)
+        sigma = self._centre_sigma + (0.5 * self._span if self._fingers else 0.0)
         centre = way.direction * self._centre
         return [glimpse(-depth, pair, places, dark, centre, sigma, soft, pulse, unsure=self._unsure)]
 
@@ -127,11 +128,12 @@ def chord_of(ways: Sequence[Crossed]) -> tuple[float, float]:
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def centre_of(ways: Sequence[Crossed]) -> float:
-    """m along the way out: the middle of what breaks the beam, mostly by the way that shows it best."""
+def centre_of(ways: Sequence[Crossed]) -> tuple[float, float]:
+    """The middle of what breaks the beam, m along the way out, mostly by the way that shows it best; and how
+    far apart the ways have it (m), by late polls or by a delay that is not known."""
     middles = [0.5 * (way.places[0] + way.places[-1]) for way in ways]
     weights = [1.0 / ((way.half[0] + way.half[-1]) ** 2 + 1e-12) for way in ways]
-    return float(np.average(middles, weights=weights))
+    return float(np.average(middles, weights=weights)), float(np.ptp(middles))
 
 
 def span_of(ways: Sequence[Crossed]) -> float:
