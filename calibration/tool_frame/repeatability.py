@@ -24,6 +24,8 @@ STATED_RP_M = {
     "ur10e": 5e-5,
     "ur12e": 5e-5,
     "ur16e": 5e-5,
+    "ur20": 1e-4,
+    "ur30": 1e-4,
 }
 AXES_OF_RP = 3.6
 UNKNOWN_RP_M = 5e-5

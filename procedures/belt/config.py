@@ -199,8 +199,8 @@ class BeltTrackingConfig(Strict):
         default=0.003,
         gt=0,
         le=0.1,
-        description="so far the tool may be beside its set-points at an item, a fifth of a second "
-        "of more ends the job; and an item beside them at contact, more is warned of",
+        description="the tool may be so far from its set-points during a grip: farther for a moment gives a "
+        "warning, for some 0.2 s ends the job. An item farther from them at contact gives a warning",
     )
     align: bool = Field(default=True, description="turn the tool to the item")
     follow: bool = Field(default=True, description="move with the item during the grip")

@@ -63,6 +63,8 @@ def result_of(
     if off_m > config.following_limit_m:
         text = f"an item was {1e3 * off_m:.1f} mm beside the tool at contact, as later counts show"
         warnings.append(Warning_(code="belt.contact-off", text=text))
+    if (left_behind := following.left_behind) is not None:
+        warnings.append(Warning_(code="belt.following", text=left_behind))
     stated = following.contacts.together
     if stated is not None and stated.r95_m > config.following_limit_m:
         text = (

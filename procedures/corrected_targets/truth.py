@@ -17,7 +17,7 @@ from procedures.words import mm, table
 
 
 def judge_targets(result: TargetsResult, truth: Mapping[str, Any], folder: Path) -> Judged:
-    """Good when all targets are truly off as stated, within limits that 99.99 % of good runs keep, and the
+    """Good when all targets are truly off as stated, within limits that ``SURE`` of good runs keep, and the
     corrected ones are truly less off than as given. 95 % of good runs are inside at the worst of their
     targets, which is what ``of95`` has; ``limits95`` has the limit of that one.
 

@@ -19,7 +19,7 @@ def judge_change(result: CrossCheckResult, then: Mapping[str, Any], now: Mapping
     """``then`` and ``now`` are the twin's truths at the two captures.
 
     Good when what alone has changed is named, and by how far it moved and turned, as far as that is
-    stated: within what is stated, widened to 99.99 %. ``cannot-tell`` is right of several changes alone.
+    stated: within what is stated, widened to ``SURE``. ``cannot-tell`` is right of several changes alone.
     """
     answer, changed = result.result, _changed(then, now)
     named = f"zero of {answer.joint}" if answer.part == "joint zero" else answer.part

@@ -19,7 +19,7 @@ _RADIUS95 = 2.795  # standard deviations that 95 % of normal 3-vectors are short
 
 def judge_standard(result: AxbcResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when the error of ``T_camera_base`` is within its own covariance, and targets that were driven to
-    are truly off as stated: each of the two is in 99.99 % of good runs.
+    are truly off as stated: each of the two is in ``SURE`` of good runs.
 
     Each of ``of95`` is below 1 in 95 % of good runs: how far ``T_camera_base`` is shifted and turned, by the
     lengths and angles of its covariance, and the worst arrival where targets were driven to. All three are
@@ -88,7 +88,7 @@ def driven_truth(driven: DrivenTargets, truth: Mapping[str, Any]) -> DrivenTruth
 
 
 def _judge_driven(driven: DrivenTargets, truth: Mapping[str, Any]) -> Judged:
-    """Good when all arrivals are as stated within limits that 99.99 % of good runs keep.
+    """Good when all arrivals are as stated within limits that ``SURE`` of good runs keep.
 
     Which of the two ways is called nearer, by two standard deviations, is told and not judged: where nothing
     is gained, chance alone makes such a call in 2.3 % of good runs.

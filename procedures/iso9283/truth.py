@@ -21,7 +21,7 @@ from procedures.words import mm, table
 
 def judge_iso9283(result: Iso9283Result, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Good when each pose's deviation is within its AP_U of the true one, and the true RP within RP_95, by
-    limits that 99.99 % of good runs keep at their worst pose; ``of95`` has the worst by those of 95 %,
+    limits that ``SURE`` of good runs keep at their worst pose; ``of95`` has the worst by those of 95 %,
     and ``limits95`` the limit of that pose: of AP in m, and of RP, whose interval is longer above than
     below and has no single limit in m, half of it in logarithms, which is nearly a share of RP.
 

@@ -10,7 +10,7 @@ from procedures.latency.result import LatencyResult
 
 
 def judge_delay(result: LatencyResult, truth: Mapping[str, Any], folder: Path) -> Judged:
-    """The offset against the source's own delay; good within the 95 % interval, widened to 99.99 %."""
+    """The offset against the source's own delay; good within the 95 % interval, widened to ``SURE``."""
     of, true = _true_delay(truth, read_json(folder / "run.json")["job_config"])
     answer = result.result
     low, high = answer.interval95_s

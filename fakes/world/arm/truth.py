@@ -99,7 +99,9 @@ class ArmTruth(Strict):
     serial: str = Field(
         default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
     )
-    version: str = Field(default="5.12.4", description=f"{CB3_VERSION} of {', '.join(CB3_MODELS)}")
+    version: str = Field(
+        default="5.12.4", pattern=r"^\d+\.\d+", description=f"{CB3_VERSION} of {', '.join(CB3_MODELS)}"
+    )
     q_start: Six
     factory: Links = Links()
     error: Links = Links()

@@ -141,7 +141,7 @@ class Picker:
         if (sample := self._arm.state.last()) is not None:
             wanted = self._following.lag.look(sample.t, sample.value.q)
             if self._run.state is S.GRIP and wanted is not None:
-                self._following.look(*self._tool.points(np.stack([sample.value.q, wanted])))
+                self._following.look(sample.t, *self._tool.points(np.stack([sample.value.q, wanted])))
         if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
             return
         self._learnt = now

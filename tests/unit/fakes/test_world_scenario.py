@@ -79,6 +79,7 @@ def test_all_findings_come_at_once() -> None:
         ("q_start = [0.0,", "q_start = [", "world.arm.q_start"),
         ('model = "ur10e"', 'model = "ur10e"\nversion = "3.15.0"', "no UR10E has version 3.15.0"),
         ('model = "ur10e"', 'model = "ur10"\nversion = "5.12.4"', "no UR10 has version 5.12.4"),
+        ('model = "ur10e"', 'model = "ur10e"\nversion = "new"', "world.arm.version"),
     ],
 )
 def test_wrong_values_are_named(old: str, new: str, said: str) -> None:

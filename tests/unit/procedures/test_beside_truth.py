@@ -4,16 +4,32 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from procedures.beside_truth import SURE_POINT, SURE_SCALAR, SURE_TILT, all_inside, limit_of_worst
+from procedures.beside_truth import (
+    SURE_MODE,
+    SURE_POINT,
+    SURE_POSE,
+    SURE_SCALAR,
+    SURE_TILT,
+    all_inside,
+    limit_of_worst,
+)
 
 RUNS = 20000
 RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
 
 
-@pytest.mark.parametrize(("degrees", "sure"), [(3, SURE_POINT), (2, SURE_TILT), (1, SURE_SCALAR)])
-def test_of_one_error_the_limits_are_its_own(degrees: int, sure: float) -> None:
+@pytest.mark.parametrize(
+    ("degrees", "sure", "known"), [(3, SURE_POINT, 1.6435), (2, SURE_TILT, 1.7534), (1, SURE_SCALAR, 1.9850)]
+)
+def test_of_one_error_the_limits_are_its_own(degrees: int, sure: float, known: float) -> None:
+    """By tables, of chi-square: 21.108, 18.421, 15.137 at 0.0001, and 7.815, 5.991, 3.841 at 0.05."""
+    assert sure == pytest.approx(known, abs=1e-4)
     assert limit_of_worst(1, degrees) == 1.0
-    assert limit_of_worst(1, degrees, sure=True) == pytest.approx(sure, abs=6e-4)
+    assert limit_of_worst(1, degrees, sure=True) == sure
+
+
+def test_a_pose_and_a_mode_are_called_wrong_at_the_same_level() -> None:
+    assert pytest.approx((27.856, 3.8906), abs=1e-3) == (SURE_POSE, SURE_MODE)
 
 
 @pytest.mark.parametrize("common", [0.0, 0.9])
