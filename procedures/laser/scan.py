@@ -40,14 +40,6 @@ GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly howe
 
 
 @dataclass(frozen=True)
-class Hit:
-    """The tool's point meets the beam between the depths ``clear`` and ``hit``."""
-
-    clear: float
-    hit: float
-
-
-@dataclass(frozen=True)
 class BeamContact:
     """The tool's end first meets the beam at ``depth`` (m), which is known to ``sigma``."""
 
@@ -137,7 +129,7 @@ class Scan:
             self._missing[station.beam] = self._searched()
         elif not self._missing:
             first, *deeper = heights_at(self.search, station)
-            located = await self._locate(hit.hit + first)
+            located = await self._locate(hit + first)
             met = await self._find_height(hit, located)
             facts = {"depth_m": round(met.depth, 6), "sigma_m": round(met.sigma, 7)}
             self.run.note("decision", event="hit", beam=station.beam, place=station.place, **facts)
@@ -166,11 +158,12 @@ class Scan:
                 "LASER_TOOL_TOO_LONG", f"beam {dark[0]} is broken at the auxiliary point of {station.name}"
             )
 
-    async def _find(self) -> Hit | None:
-        """Down by steps until out and back both trigger; None when it did not down to the limit."""
+    async def _find(self) -> float | None:
+        """Down by steps until out and back both trigger, and not a step above: the depth (m) where they do.
+        None when they did not down to the limit."""
         step, lowest = self.search.descend_step_m, deepest(self.search, self.course, self._station)
-        clear: float | None = None
-        found: Hit | None = None
+        clear = False
+        found: float | None = None
         lost = 0
         while True:
             out, back = await self._search_pair(
@@ -178,19 +171,19 @@ class Scan:
             )
             self._tried += [(self._depth, out), (self._depth, back)]
             if out.triggered and back.triggered:
-                found = Hit(self._depth - step, self._depth)
-                if clear is not None:
-                    return replace(found, clear=clear)
+                found = self._depth
+                if clear:
+                    return found
                 await self._up_a_step(step)
                 continue
             if found is not None:
-                return replace(found, clear=self._depth)
+                return found
             if (fault := one_sided(out, back)) is not None:
                 lost += 1
                 if lost > self.search.retries:
                     raise fault.error(lost)
             else:
-                clear = self._depth
+                clear = True
             if self._depth + step > lowest + SAME_M:
                 return None
             await self.run.enter(S.DESCEND, f"to {1e3 * (self._depth + step):.1f} mm")
@@ -207,14 +200,12 @@ class Scan:
         await self.run.enter(S.LIFT, "met at once, so the tool is longer than configured")
         await self._move(0.0, -up)
 
-    async def _find_height(self, hit: Hit, located: Pair) -> BeamContact:
+    async def _find_height(self, hit: float, located: Pair) -> BeamContact:
         """Cross near the tool's end where most is to be learned of its height, until it is known."""
         search, run = self.search, self.run
         seek = SoughtHeight(
-            run.worker, search, self._sigma_m, self._max_U_m, -hit.hit, -hit.clear, located, self._station
+            run.worker, search, self._sigma_m, self._max_U_m, hit, self._tried, located, self._station
         )
-        for depth, way in self._tried:
-            seek.add(depth, way)
         now = await seek.look()
         for _ in range(search.most_height_pairs):
             if seek.known(now):

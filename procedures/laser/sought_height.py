@@ -7,8 +7,10 @@ from typing import Self
 import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
-from calibration.tool_frame.height_search import Belief, HeightSearch, Next, Sought, sought
+from calibration.tool_frame.height import ABOVE_M
+from calibration.tool_frame.height_search import Belief, HeightSearch, Next, Sought, sought, upright
 from calibration.tool_frame.repeatability import scatter_of
+from calibration.tool_frame.tip import UPRIGHT
 from cell.poses import Array
 from cell.procedure import Worker
 from procedures.laser.config import Search
@@ -16,14 +18,16 @@ from procedures.laser.path import BeamStation
 from procedures.laser.sweep import BeamPass
 
 _LENGTH95_OF_ALIKE = 2.8  # standard deviations of each of three axes that are known alike
+_RARE = 0.001  # that all ways at a height miss a tool that is there
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
 
 class SoughtHeight:
     """What the ways at one station say of the height (m, minus the depth) of the first contact.
 
-    It is between ``hit`` and ``clear``; ``located`` is a way out and back well below, ``sigma_m`` one axis of
-    the arm by its data sheet, ``max_U_m`` how far off 95 % of the points may be. ``worker`` computes.
+    It is met at the depth ``hit`` (m). ``tried`` are the ways that found that, by their depths; ``located``
+    is a way out and back well below, ``sigma_m`` one axis of the arm by its data sheet, ``max_U_m`` how far
+    off 95 % of the points may be. ``worker`` computes.
     """
 
     def __init__(
@@ -33,7 +37,7 @@ class SoughtHeight:
         sigma_m: float,
         max_U_m: float,
         hit: float,
-        clear: float,
+        tried: Sequence[tuple[float, BeamPass]],
         located: tuple[BeamPass, BeamPass],
         station: BeamStation,
     ) -> None:
@@ -49,9 +53,11 @@ class SoughtHeight:
         self._new: list[Glimpse] = []
         self._ways = 0
         self._belief: Belief | None = None
+        for depth, way in tried:
+            self.add(depth, way)
         self._seek = HeightSearch(
-            hit,
-            clear,
+            -hit,
+            clear_of(-hit, self._new, chord, search.descend_step_m),
             chord,
             self._fingers,
             scatter_of(sigma_m),
@@ -139,6 +145,19 @@ def centre_of(ways: Sequence[Crossed]) -> tuple[float, float]:
 def span_of(ways: Sequence[Crossed]) -> float:
     """m from the first edge to the last: the longest that a way showed."""
     return float(max(way.places[-1] - way.places[0] for way in ways))
+
+
+def clear_of(hit: float, seen: Sequence[Glimpse], chord: float, step_m: float) -> float:
+    """The lowest height (m) above ``hit`` at which the tool, of that ``chord`` (m), was surely clear of the
+    beam: the polls of a quick way may miss a tool that is well below its first contact. Where ``seen`` has
+    none, a step ``step_m`` above the highest."""
+    shortest = float(np.min(upright(chord).lengths(UPRIGHT, np.array([ABOVE_M]))))
+    missed: dict[float, float] = {}
+    for one in seen:
+        if one.height > hit:
+            missed[one.height] = missed.get(one.height, 1.0) * float(one.at(np.array(shortest)))
+    trusted = [height for height, chance in missed.items() if chance < _RARE]
+    return min(trusted, default=max([hit, *missed]) + step_m)
 
 
 def height_goal(z_resolution_m: float, max_U_m: float) -> float:

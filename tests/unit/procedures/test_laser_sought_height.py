@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from procedures.laser.sought_height import Crossed, centre_of, chord_of, span_of
+from calibration.tool_frame.glimpse import Glimpse, glimpse
+from procedures.laser.sought_height import Crossed, centre_of, chord_of, clear_of, span_of
 
 SLIDE = 1.25e-4  # of each edge, with polls as they usually come
 
@@ -42,3 +43,23 @@ def test_a_delay_that_is_not_known_leaves_the_middle_as_open_as_it_is() -> None:
     """Of 6 ms at 50 mm/s: the way out shows everything 0.3 mm late, the way back as much early."""
     middle, apart = centre_of([way(0.0103, 0.0173), way(0.0097, 0.0167)])
     assert (middle, apart) == pytest.approx((0.0135, 6e-4))
+
+
+def passed_by(height: float, slide: float, begin: float = 0.0) -> Glimpse:
+    """A way with a poll each ``slide`` (m), of which none saw the beam broken."""
+    places = np.arange(begin, 0.03, slide)
+    return glimpse(height, 0, places, np.zeros(len(places), dtype=bool), 0.0135, 3e-4)
+
+
+def test_ways_whose_polls_could_see_a_tool_say_that_it_was_clear() -> None:
+    seen = [passed_by(height, 0.00075) for height in (-0.005, -0.005, -0.010, -0.010)]
+    assert clear_of(-0.015, seen, 0.007, 0.005) == -0.010
+
+
+def test_ways_whose_polls_may_have_missed_the_tool_do_not() -> None:
+    """At 0.3 m/s with polls each 20 ms both ways now and then miss a tool that is half a millimetre down."""
+    quick = [passed_by(-0.010, 0.006, 0.0), passed_by(-0.010, 0.006, 0.003)]
+    slow = [passed_by(-0.005, 0.00075), passed_by(-0.005, 0.00075)]
+    assert clear_of(-0.015, quick + slow, 0.007, 0.005) == -0.005
+    assert clear_of(-0.015, quick, 0.007, 0.005) == pytest.approx(-0.005), "a step above"
+    assert clear_of(-0.015, [], 0.007, 0.005) == pytest.approx(-0.010)
