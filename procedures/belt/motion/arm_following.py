@@ -92,7 +92,7 @@ class ArmFollowing:
         self.looks += 1
         self._squares += square
         self.largest_m = max(self.largest_m, sqrt(square))
-        passed = _LONGEST_S if self._looked is None else min(t - self._looked, _LONGEST_S)
+        passed = _LONGEST_S if self._looked is None else min(max(t - self._looked, 0.0), _LONGEST_S)
         self._looked, share = t, 1.0 - exp(-passed / _MEMORY_S)
         self._lately += share * (square - self._lately)
         self._limited += share * (min(square, (_MOST * self._limit_m) ** 2) - self._limited)

@@ -152,6 +152,14 @@ def test_grips_that_are_all_short_add_up() -> None:
             begin = looked(subject, [0.01] * 5, begin_s=begin) + 3.0
 
 
+def test_a_stamp_before_the_last_one_weighs_nothing() -> None:
+    subject = following()
+    last = looked(subject, [0.002] * 20)
+    before = subject.lately_m
+    subject.look(last - 1.0, np.zeros(3), np.array([0.0, 0.05, 0.0]))
+    assert subject.lately_m == before
+
+
 def test_a_tool_that_is_beside_them_in_a_third_of_the_time_is_told_of_and_ends_nothing() -> None:
     subject = following()
     looked(subject, [0.01, 0.0, 0.0] * 50)
